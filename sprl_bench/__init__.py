@@ -1,0 +1,1 @@
+"""sprl-bench: the benchmark for sparse-reward reinforcement learning."""
