@@ -1,0 +1,98 @@
+"""Tasks and suites: rows of a table.
+
+A task is an environment id, its arguments, a budget of environment steps and the range of its returns. A suite is a
+named, versioned tuple of tasks. Everything that a score depends on besides the agent and the seed stands here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from sprl_bench.suggestions import unknown
+
+__all__ = ["SUITES", "Suite", "Task", "find_suite", "match_task"]
+
+Argument = bool | int | float | str
+
+
+@dataclass(frozen=True)
+class Task:
+    """One environment, how long an agent may train in it, and what a return in it can be.
+
+    Attributes:
+        name: What tables and folders call it.
+        env_id: The Gymnasium id.
+        budget: Environment steps, summed over all sub-environments; later steps are not scored.
+        domain: The family that agents keep presets for, such as "grid".
+        arguments: Keyword arguments of the environment.
+        score_range: Lowest and highest return of an episode.
+    """
+
+    name: str
+    env_id: str
+    budget: int
+    domain: str
+    arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
+    score_range: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A named, versioned tuple of tasks; its mean AUC is the mean over them."""
+
+    name: str
+    version: int
+    tasks: tuple[Task, ...]
+
+    def task(self, name: str) -> Task:
+        """Return the task of that name.
+
+        Raises:
+            ValueError: This suite has no such task.
+        """
+        for task in self.tasks:
+            if task.name == name:
+                return task
+        raise ValueError(unknown(f"task of suite {self.name!r}", name, [task.name for task in self.tasks]))
+
+
+def _grid(name: str, budget: int) -> Task:
+    return Task(name=name, env_id=f"SPRL/{name}-v1", budget=budget, domain="grid")
+
+
+_GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
+_GRID_11X11 = (_grid("FourRooms-11x11", 2_000_000), _grid("KeyDoors-11x11", 5_000_000))
+
+# The order matters: a run that names no suite belongs to the first one that holds its task.
+SUITES: Mapping[str, Suite] = MappingProxyType(
+    {
+        suite.name: suite
+        for suite in (
+            Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
+            Suite("grid-7x7", 1, _GRID_7X7),
+            Suite("smoke", 1, (_grid("FourRooms-7x7", 20_000),)),
+        )
+    }
+)
+
+
+def find_suite(name: str) -> Suite:
+    """Return the suite of that name.
+
+    Raises:
+        ValueError: There is no such suite; the message lists those there are.
+    """
+    if name not in SUITES:
+        raise ValueError(unknown("suite", name, SUITES))
+    return SUITES[name]
+
+
+def match_task(env_id: str, arguments: Mapping[str, Argument]) -> tuple[Suite, Task] | None:
+    """Return the first suite and task with this environment and these arguments, or None where there is none."""
+    for suite in SUITES.values():
+        for task in suite.tasks:
+            if task.env_id == env_id and dict(task.arguments) == dict(arguments):
+                return suite, task
+    return None
