@@ -7,6 +7,7 @@ and of a random generator that the caller passes in.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -61,13 +62,14 @@ def curve(stamps: npt.ArrayLike, values: npt.ArrayLike, budget: int) -> Array:
 
 
 def auc(bins: npt.ArrayLike) -> float:
-    """Return the mean of a curve's bins."""
-    return float(np.mean(np.asarray(bins, dtype=np.float64)))
+    """Return the mean of a curve's bins, summed exactly so that every machine agrees on the last bit."""
+    values = np.asarray(bins, dtype=np.float64).tolist()
+    return math.fsum(values) / len(values)
 
 
 def final(bins: npt.ArrayLike) -> float:
     """Return the mean of a curve's last ten bins."""
-    return float(np.mean(np.asarray(bins, dtype=np.float64)[-FINAL_BINS:]))
+    return auc(np.asarray(bins)[-FINAL_BINS:])
 
 
 def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[float, float]) -> int | None:
