@@ -1,0 +1,49 @@
+# Every target sets up what it needs: a virtual environment with the pinned versions of constraints.txt.
+
+PYTHON ?= python3
+VENV ?= .venv
+RUNS ?= runs
+WORKERS ?= $(shell nproc)
+
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+BENCH_READY := $(VENV)/.bench-ready
+PIP := PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
+
+.PHONY: run test test-long lint types bench setup clean
+
+setup: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]}: sprl-bench needs 3.11 to 3.13; name one with make PYTHON=python3.11")'
+	$(PYTHON) -m venv $(VENV)
+	@echo "Installing into $(VENV); the first time takes a few minutes."
+	$(PIP) torch==2.13.0
+	$(PIP) -e '.[dev]'
+	@touch $@
+
+run: setup ## Train the reference agents on the smoke suite and print the table.
+	$(BIN)/sprl-bench run --suite smoke --agents ppo,random --seeds 2 --out $(RUNS) --workers $(WORKERS)
+
+test: setup ## All tests; about eight minutes on two cores.
+	SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS) -m 'not slow'
+
+test-long: setup ## The long versions of the differential tests too.
+	SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS)
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: setup
+	$(BIN)/mypy
+
+bench: $(BENCH_READY) ## Speed as ratios, measured side by side; leave the machine alone meanwhile.
+	$(BIN)/python -m benchmarks
+
+$(BENCH_READY): $(READY)
+	$(PIP) -e '.[bench]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache
