@@ -1,0 +1,1 @@
+"""Reference agents: PPO, and what exploration methods add to it."""

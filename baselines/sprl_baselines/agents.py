@@ -1,0 +1,139 @@
+"""The one place where a learner and a bonus meet: an agent is PPO, trained on reward plus bonus."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import torch
+from gymnasium.vector import VectorEnv
+
+from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
+from sprl_baselines.config import Config, reject_unknown
+from sprl_baselines.ppo import PPO, PPOConfig
+from sprl_baselines.presets import preset
+from sprl_baselines.rollout import Collector
+
+C = TypeVar("C", bound=Config)
+Envs = VectorEnv[Any, Any, Any]
+
+
+class LearningAgent:
+    """PPO with a bonus.
+
+    Torch's number of threads and its treatment of denormal numbers belong to the process: whoever starts it
+    sets them, and the agent leaves them alone.
+
+    Args:
+        config: Hyperparameters of the learner.
+        make_bonus: Makes the bonus once the spaces are known.
+        seed: Source of every random choice.
+        device: Where to compute, such as "cpu" or "cuda".
+    """
+
+    def __init__(
+        self, config: PPOConfig, make_bonus: Callable[[Setting], Bonus], *, seed: int, device: str = "cpu"
+    ) -> None:
+        self.config = config
+        self._make_bonus = make_bonus
+        self._seed = seed
+        self._device = torch.device(device)
+        self._saved: Mapping[str, Any] = {}
+
+    def train(self, envs: Envs, budget: int) -> Iterator[dict[str, float]]:
+        """Train until `budget` env steps are taken, and yield metrics after each update.
+
+        Starts anew from the seed, or goes on from a loaded state without resetting the envs.
+        """
+        self._start(envs)
+        while self._steps < budget:
+            yield self._improve(remaining=1 - self._steps / budget)
+
+    def _improve(self, remaining: float) -> dict[str, float]:
+        """Collect one rollout and learn from it."""
+        rollout = self._collector.collect(self.learner.act)
+        bonus = self.bonus.reward(rollout)
+        learner_metrics = self.learner.update(rollout, rollout.rewards + bonus, remaining)
+        bonus_metrics = self.bonus.update(rollout)
+        self._steps += rollout.num_steps
+        return {"bonus": float(bonus.mean()), **learner_metrics, **bonus_metrics}
+
+    def _start(self, envs: Envs) -> None:
+        spaces = envs.single_observation_space, envs.single_action_space
+        learner_seed, bonus_seed = (int(seed) for seed in np.random.SeedSequence(self._seed).generate_state(2))
+        self.learner = PPO(*spaces, self.config, learner_seed, self._device)
+        self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device))
+        self._collector = Collector(envs, self.config.rollout_length, self._device)
+        self._steps = 0
+        if self._saved:
+            self._restore(self._saved)
+        else:
+            self._collector.reset()
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        self._steps = int(state["steps"])
+        self.learner.load_state_dict(state["learner"])
+        self.bonus.load_state_dict(state["bonus"])
+        self._collector.load_state_dict(state["collector"])
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return all that training depends on, between two updates.
+
+        Raises:
+            RuntimeError: Training has not begun, so there is nothing to save.
+        """
+        if not hasattr(self, "_steps"):
+            raise RuntimeError("the agent has no state before train() has begun")
+        return {
+            "steps": self._steps,
+            "learner": self.learner.state_dict(),
+            "bonus": self.bonus.state_dict(),
+            "collector": self._collector.state_dict(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Let the next `train` go on from this state."""
+        self._saved = state
+
+
+@dataclass(frozen=True)
+class LearningAgentFactory(Generic[C]):
+    """Makes agents of one kind: which bonus, with which hyperparameters."""
+
+    name: str
+    bonus: Callable[[Setting, C], Bonus]
+    bonus_config: type[C]
+    privileged: bool = False
+
+    def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> LearningAgent:
+        """Make an agent; hyperparameters that are not given keep their defaults.
+
+        Raises:
+            ValueError: A hyperparameter is unknown or out of range.
+        """
+        config, bonus_config = self._configs(hyperparameters)
+        return LearningAgent(config, lambda setting: self.bonus(setting, bonus_config), seed=seed, device=device)
+
+    def hyperparameters(self, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+        """Return all hyperparameters: the defaults, then the domain's preset, then `overrides`.
+
+        Args:
+            domain: A family of tasks, such as "grid".
+            overrides: Single hyperparameters; `preset` names a preset of the domain other than "table".
+
+        Raises:
+            ValueError: The domain, the preset or a hyperparameter is unknown, or a value is out of range.
+        """
+        chosen = dict(overrides)
+        values = {**preset(domain, chosen.pop("preset", "table"), self.name), **chosen}
+        config, bonus_config = self._configs(values)
+        return {**config.as_dict(), **bonus_config.as_dict()}
+
+    def _configs(self, values: Mapping[str, Any]) -> tuple[PPOConfig, C]:
+        reject_unknown("hyperparameter", values, PPOConfig.names() + self.bonus_config.names())
+        return PPOConfig.pick(values), self.bonus_config.pick(values)
+
+
+ppo = LearningAgentFactory("ppo", NoBonus, NoBonusConfig)

@@ -1,0 +1,82 @@
+"""Hyperparameters as frozen dataclasses: ranges are part of a field's type, and a wrong value is one sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from difflib import get_close_matches
+from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
+
+
+@dataclass(frozen=True)
+class Range:
+    """An interval of numbers; an end that is `open` is not part of it."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    open_low: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        return (self.low < value if self.open_low else self.low <= value) and value <= self.high
+
+    def __str__(self) -> str:
+        floor = f"above {self.low}" if self.open_low else f"at least {self.low}"
+        return floor if math.isinf(self.high) else f"{floor} and at most {self.high}"
+
+
+Count = Annotated[int, Range(1)]
+Share = Annotated[float, Range(0, 1)]
+Weight = Annotated[float, Range(0)]
+Positive = Annotated[float, Range(0, open_low=True)]
+
+
+class Config:
+    """Base of the hyperparameter dataclasses: every field is checked against its annotation when built."""
+
+    def __post_init__(self) -> None:
+        for name, annotation in get_type_hints(type(self), include_extras=True).items():
+            object.__setattr__(self, name, _checked(name, getattr(self, name), annotation))
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """Names of the hyperparameters, in the order of their declaration."""
+        return tuple(field.name for field in fields(cls))  # type: ignore[arg-type]  # subclasses are dataclasses
+
+    @classmethod
+    def pick(cls, values: Mapping[str, Any]) -> Self:
+        """Build the config from those of `values` that are its own; the rest keep their defaults."""
+        return cls(**{name: values[name] for name in cls.names() if name in values})
+
+    def as_dict(self) -> dict[str, Any]:
+        """All hyperparameters as plain values that JSON can hold."""
+        return asdict(self)  # type: ignore[call-overload,no-any-return]  # subclasses are dataclasses
+
+
+def reject_unknown(kind: str, given: Mapping[str, Any], allowed: tuple[str, ...]) -> None:
+    """Raise `ValueError` for the first key of `given` that is not allowed, with the nearest allowed name."""
+    for name in given:
+        if name not in allowed:
+            raise ValueError(f"unknown {kind} {name!r}{suggestion(name, allowed)}")
+
+
+def suggestion(name: str, allowed: tuple[str, ...]) -> str:
+    """The end of an error message: the nearest allowed name, or all of them."""
+    near = get_close_matches(name, allowed, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(allowed)}"
+
+
+def _checked(name: str, value: Any, annotation: Any) -> Any:
+    """The value in its declared type, or a `ValueError` naming the hyperparameter, the value and what is allowed."""
+    base, *rules = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
+    if base is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not base or (base is float and not math.isfinite(value)):
+        raise ValueError(f"hyperparameter {name}={value!r} must be a {_KINDS[base]}")
+    for rule in rules:
+        if value not in rule:
+            raise ValueError(f"hyperparameter {name}={value!r} must be {rule}")
+    return value
+
+
+_KINDS = {int: "whole number", float: "finite number", bool: "truth value (true or false)", str: "text"}

@@ -1,0 +1,238 @@
+"""The policy and value networks, one per kind of observation: the grid's CNN (appendix D.3) and the MLP (G.4).
+
+All parameters are drawn from the generator that is passed in; torch's global random state is never touched.
+"""
+
+from __future__ import annotations
+
+from math import prod, sqrt
+from typing import Protocol
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils import skip_init
+
+from sprl_baselines.distributions import Categorical, DiagonalGaussian, Distribution
+
+# The largest type, colour and state (or direction) that a grid cell can hold.
+LARGEST_CODES = (10, 5, 3)
+HIDDEN_GAIN, POLICY_GAIN, VALUE_GAIN = sqrt(2), 0.01, 1.0
+
+
+class Head(Protocol):
+    """Turns features `[B, F]` into a distribution over actions."""
+
+    def __call__(self, features: Tensor) -> Distribution:
+        """One distribution for each row."""
+
+
+class ActorCritic(nn.Module):
+    """A policy and a value function of the same observation.
+
+    `value_trunk` may be the same module as `policy_trunk`: it then runs, and is stored, once.
+    """
+
+    def __init__(self, policy_trunk: nn.Module, value_trunk: nn.Module, head: Head, value: nn.Module) -> None:
+        super().__init__()
+        self.policy_trunk = policy_trunk
+        self.head = head
+        self.value = value
+        self.shared = value_trunk is policy_trunk
+        if not self.shared:
+            self.value_trunk = value_trunk
+
+    def forward(self, observations: Tensor) -> tuple[Distribution, Tensor]:
+        """The action distribution for each of B observations, and their values `[B]`."""
+        features = self.policy_trunk(observations)
+        value_features = features if self.shared else self.value_trunk(observations)
+        return self.head(features), self.value(value_features).squeeze(-1)
+
+    def values(self, observations: Tensor) -> Tensor:
+        """The values alone, `[B]`."""
+        trunk = self.policy_trunk if self.shared else self.value_trunk
+        values: Tensor = self.value(trunk(observations)).squeeze(-1)
+        return values
+
+
+def actor_critic(
+    observation_space: spaces.Space,
+    action_space: spaces.Space,
+    generator: torch.Generator,
+    *,
+    grid_encoding: str = "scaled",
+    mlp_layers: int = 4,
+    mlp_units: int = 256,
+) -> ActorCritic:
+    """The network for these spaces (of one sub-environment).
+
+    Args:
+        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid), or a flat `Box`.
+        action_space: `Discrete`, or a flat `Box`.
+        generator: source of the initial parameters, on the CPU.
+        grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
+        mlp_layers: hidden layers of the MLP for flat observations.
+        mlp_units: width of each.
+
+    Raises:
+        ValueError: if there is no network for such spaces.
+    """
+    match observation_space:
+        case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
+            policy_trunk = value_trunk = grid_trunk(height, width, grid_encoding, generator)
+            features = GRID_FEATURES
+        case spaces.Box(shape=(size,)):
+            policy_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
+            value_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
+            features = mlp_units
+        case _:
+            raise ValueError(f"no network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box")
+    head = policy_head(features, action_space, generator)
+    return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
+
+
+def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
+    """A linear layer with orthogonal weights and zero bias."""
+    layer = skip_init(nn.Linear, inputs, outputs)
+    nn.init.orthogonal_(layer.weight, gain, generator)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+# ---------------------------------------------------------------------------------------------- heads
+
+
+class CategoricalHead(nn.Module):
+    """Logits for discrete actions."""
+
+    def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.logits = linear(features, actions, POLICY_GAIN, generator)
+
+    def forward(self, features: Tensor) -> Distribution:
+        """A categorical distribution for each row."""
+        return Categorical.from_logits(self.logits(features))
+
+
+class GaussianHead(nn.Module):
+    """A mean for continuous actions, and a standard deviation that does not depend on the state, at first 1."""
+
+    def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.mean = linear(features, actions, POLICY_GAIN, generator)
+        self.log_std = nn.Parameter(torch.zeros(actions))
+
+    def forward(self, features: Tensor) -> Distribution:
+        """A diagonal Gaussian for each row."""
+        return DiagonalGaussian(self.mean(features), self.log_std)
+
+
+def policy_head(features: int, action_space: spaces.Space, generator: torch.Generator) -> Head:
+    """The head for this action space."""
+    match action_space:
+        case spaces.Discrete(n=count, start=0):
+            return CategoricalHead(features, int(count), generator)
+        case spaces.Box(shape=(size,)):
+            return GaussianHead(features, size, generator)
+        case _:
+            raise ValueError(f"no policy for actions in {action_space}: need Discrete (from 0) or a flat Box")
+
+
+# --------------------------------------------------------------------------------------------- trunks
+
+GRID_FEATURES = 512
+
+
+def grid_trunk(height: int, width: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
+    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3]` uint8 -> `[B, 512]`."""
+    encoders = {"scaled": ScaledCells, "one-hot": OneHotCells}
+    if encoding not in encoders:
+        raise ValueError(f"grid_encoding={encoding!r} must be one of {', '.join(map(repr, encoders))}")
+    cells = encoders[encoding]()
+    return nn.Sequential(
+        cells,
+        CReLUConvolution(cells.channels, 16, generator),
+        CReLUConvolution(32, 8, generator),
+        CReLUConvolution(16, 8, generator),
+        FlattenCells(),
+        linear(prod((height, width, 16)), GRID_FEATURES, HIDDEN_GAIN, generator),
+        nn.ReLU(inplace=True),
+    )
+
+
+def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) -> nn.Sequential:
+    """The MLP of appendix G.4, `[B, inputs]` of any number type -> `[B, units]`."""
+    sizes = [inputs] + [units] * layers
+    hidden = [
+        module
+        for fan_in, fan_out in zip(sizes, sizes[1:], strict=False)
+        for module in (linear(fan_in, fan_out, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
+    ]
+    return nn.Sequential(ToFloat(), *hidden)
+
+
+class ToFloat(nn.Module):
+    """Casts observations to single precision."""
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """`[B, D]` -> `[B, D]` float32."""
+        return observations.float()
+
+
+class ScaledCells(nn.Module):
+    """Grid cells with each of type, colour and state divided by its largest value."""
+
+    channels = 3
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.scale: Tensor
+        self.register_buffer("scale", 1 / torch.tensor(LARGEST_CODES), persistent=False)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """`[B, H, W, 3]` uint8 -> `[B, 3, H, W]` float32, in channels-last memory."""
+        return (cells * self.scale).permute(0, 3, 1, 2)
+
+
+class OneHotCells(nn.Module):
+    """Grid cells with each of type, colour and state as indicators."""
+
+    channels = sum(LARGEST_CODES) + len(LARGEST_CODES)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """`[B, H, W, 3]` uint8 -> `[B, 21, H, W]` float32, in channels-last memory."""
+        codes = cells.long().unbind(-1)
+        hot = [functional.one_hot(code, top + 1) for code, top in zip(codes, LARGEST_CODES, strict=True)]
+        return torch.cat(hot, dim=-1).float().permute(0, 3, 1, 2)
+
+
+class CReLUConvolution(nn.Module):
+    """A 2x2 SAME convolution y and its concatenated rectifier, relu(y, -y).
+
+    Written for speed as one convolution with the tied weights (W, -W) and a rectifier in place. SAME for a
+    2x2 kernel pads at the bottom and on the right only; a 3x3 kernel whose first row and column are zero
+    does so with the library's own symmetric padding, which is faster than padding apart.
+    """
+
+    def __init__(self, inputs: int, outputs: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.weight = nn.Parameter(torch.empty(outputs, inputs, 2, 2))
+        self.bias = nn.Parameter(torch.zeros(outputs))
+        nn.init.orthogonal_(self.weight, HIDDEN_GAIN, generator)
+
+    def forward(self, images: Tensor) -> Tensor:
+        """`[B, inputs, H, W]` -> `[B, 2 * outputs, H, W]`."""
+        kernel = functional.pad(torch.cat((self.weight, -self.weight)), (1, 0, 1, 0))
+        kernel = kernel.contiguous(memory_format=torch.channels_last)
+        bias = torch.cat((self.bias, -self.bias))
+        return functional.relu_(functional.conv2d(images, kernel, bias, padding=1))
+
+
+class FlattenCells(nn.Module):
+    """One row of features per image, cell by cell: a view where memory is channels-last."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """`[B, C, H, W]` -> `[B, H * W * C]`."""
+        return images.permute(0, 2, 3, 1).flatten(1)

@@ -1,0 +1,265 @@
+"""Proximal policy optimisation (Schulman et al. 2017): the one policy learner under all agents.
+
+It learns from whatever rewards it is handed and knows nothing of bonuses. The paper's appendix gives the network,
+the learning rate and the entropy coefficient (D.3, Table 1); the rest follows the authors' published DeepMind Lab
+settings, except where a sweep decided (see the README of the baselines).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from gymnasium import Space
+from torch import Tensor
+from torch.nn import functional
+from torch.nn.utils import clip_grad_norm_
+
+from sprl_baselines.config import Config, Count, Positive, Share, Weight
+from sprl_baselines.networks import actor_critic
+from sprl_baselines.returns import generalized_advantages, successor_values
+from sprl_baselines.rollout import Decision, Rollout
+
+
+@dataclass(frozen=True)
+class PPOConfig(Config):
+    """Hyperparameters of the learner."""
+
+    num_envs: Count = 12  # sub-envs that step together
+    rollout_length: Count = 256  # steps of each sub-env between two updates
+    epochs: Count = 4  # passes over a rollout
+    minibatches: Count = 4  # gradient steps in a pass
+    learning_rate: Positive = 0.003  # Adam's step size (Table 1)
+    anneal_learning_rate: bool = False  # let it fall linearly to 0 over the budget
+    adam_epsilon: Positive = 1e-5  # Adam's guard against division by zero
+    max_grad_norm: Positive = 0.5  # longer gradients are cut to this length
+    gamma: Share = 0.99  # discount per env step
+    gae_lambda: Share = 0.95  # from one-step errors (0) to whole returns (1) in the advantage estimate
+    bootstrap_on_truncation: bool = False  # whether an episode cut by its time limit keeps its successor's value
+    normalize_advantages: bool = True  # to zero mean and unit deviation within each minibatch
+    clip_range: Positive = 0.2  # how far the probability ratio may gain from moving away from 1
+    anneal_clip_range: bool = False  # let it fall linearly to 0 over the budget
+    clip_value: bool = True  # bound the value's move by the same range
+    value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
+    entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
+    grid_encoding: str = "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
+    mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
+    mlp_units: Count = 256  # width of each
+
+
+class PPO:
+    """A policy, its value function, and how they learn.
+
+    Args:
+        observation_space: Of one sub-env.
+        action_space: Of one sub-env.
+        config: Hyperparameters.
+        seed: Source of the initial parameters, of the actions and of the order of minibatches.
+        device: Where to compute; on the CPU, same seed and same number of torch threads mean same bits.
+    """
+
+    def __init__(
+        self,
+        observation_space: Space[Any],
+        action_space: Space[Any],
+        config: PPOConfig,
+        seed: int,
+        device: torch.device,
+    ) -> None:
+        self.config = config
+        self._generator = torch.Generator(device).manual_seed(seed)
+        self.network = actor_critic(
+            observation_space,
+            action_space,
+            torch.Generator().manual_seed(seed),
+            grid_encoding=config.grid_encoding,
+            mlp_layers=config.mlp_layers,
+            mlp_units=config.mlp_units,
+        ).to(device)
+        self._optimizer = torch.optim.Adam(
+            self.network.parameters(), lr=config.learning_rate, eps=config.adam_epsilon, fused=True
+        )
+
+    def act(self, observations: Tensor) -> Decision:
+        """Draw an action for each of N observations."""
+        distribution, values = self.network(observations)
+        actions = distribution.sample(self._generator)
+        return Decision(actions, distribution.log_prob(actions), values)
+
+    def act_greedily(self, observations: Tensor) -> Tensor:
+        """Return the most likely action for each of N observations."""
+        with torch.inference_mode():
+            actions: Tensor = self.network(observations)[0].mode()
+        return actions
+
+    def update(self, rollout: Rollout, training_rewards: Tensor, remaining: float = 1.0) -> dict[str, float]:
+        """Improve the policy on one rollout.
+
+        Args:
+            rollout: Drawn with the present parameters.
+            training_rewards: What to learn from, `[T, N]`.
+            remaining: Share of the budget that was left when the rollout began; annealing follows it.
+
+        Returns:
+            Means over all gradient steps, and a few figures about the rollout.
+        """
+        clip_range = self.config.clip_range * (remaining if self.config.anneal_clip_range else 1.0)
+        learning_rate = self.config.learning_rate * (remaining if self.config.anneal_learning_rate else 1.0)
+        for group in self._optimizer.param_groups:
+            group["lr"] = learning_rate
+        samples = self._samples(rollout, training_rewards)
+        statistics = [self._gradient_step(batch, clip_range) for batch in self._minibatches(samples)]
+        means = torch.stack([torch.stack(list(step.values())) for step in statistics]).mean(dim=0).tolist()
+        return {
+            **dict(zip(statistics[0], means, strict=True)),
+            "explained_variance": _explained_variance(samples.values, samples.returns),
+            "learning_rate": learning_rate,
+            "clip_range": clip_range,
+        }
+
+    def _samples(self, rollout: Rollout, training_rewards: Tensor) -> Samples:
+        """Flatten a rollout to T x N samples, with advantages and value targets."""
+        advantages = generalized_advantages(
+            training_rewards,
+            rollout.values,
+            self._successor_values(rollout),
+            rollout.terminated,
+            rollout.truncated,
+            gamma=self.config.gamma,
+            gae_lambda=self.config.gae_lambda,
+            bootstrap_on_truncation=self.config.bootstrap_on_truncation,
+        )
+        return Samples(
+            observations=rollout.observations.flatten(0, 1),
+            actions=rollout.actions.flatten(0, 1),
+            log_probs=rollout.log_probs.flatten(),
+            values=rollout.values.flatten(),
+            advantages=advantages.flatten(),
+            returns=(advantages + rollout.values).flatten(),
+        )
+
+    def _successor_values(self, rollout: Rollout) -> Tensor:
+        with torch.inference_mode():
+            last_values = self.network.values(rollout.last_observations)
+            final_values = self._final_values(rollout.final_observations)
+        return successor_values(rollout.values, last_values, rollout.ended, final_values)
+
+    def _final_values(self, final_observations: Tensor) -> Tensor:
+        """Values of the observations that ended an episode, computed only where they can matter."""
+        if self.config.bootstrap_on_truncation and len(final_observations):
+            return self.network.values(final_observations)
+        return torch.zeros(len(final_observations), device=final_observations.device)
+
+    def _minibatches(self, samples: Samples) -> Iterator[Samples]:
+        """Go through all samples `epochs` times, each time in a new order and in `minibatches` parts."""
+        count = len(samples.returns)
+        for _ in range(self.config.epochs):
+            order = torch.randperm(count, generator=self._generator, device=self._generator.device)
+            for indices in order.chunk(self.config.minibatches):
+                yield samples.take(indices)
+
+    def _gradient_step(self, batch: Samples, clip_range: float) -> dict[str, Tensor]:
+        distribution, values = self.network(batch.observations)
+        losses = ppo_losses(
+            distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
+        )
+        self._optimizer.zero_grad()
+        losses.pop("loss").backward()
+        norm = clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
+        self._optimizer.step()
+        return {**losses, "gradient_norm": norm}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return parameters, optimizer moments and the generator's state, copied."""
+        moments = self._optimizer.state_dict()["state"]
+        return {
+            "network": {name: value.clone() for name, value in self.network.state_dict().items()},
+            "optimizer": {
+                str(index): {name: value.clone() for name, value in moment.items()} for index, moment in moments.items()
+            },
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state."""
+        self.network.load_state_dict(state["network"])
+        groups = self._optimizer.state_dict()["param_groups"]
+        moments = {int(index): dict(moment) for index, moment in state["optimizer"].items()}
+        self._optimizer.load_state_dict({"state": moments, "param_groups": groups})
+        self._generator.set_state(state["generator"].cpu())
+
+
+@dataclass(frozen=True)
+class Samples:
+    """B transitions to learn from, in no order."""
+
+    observations: Tensor  # [B, ...]
+    actions: Tensor  # [B] or [B, A]
+    log_probs: Tensor  # [B] under the policy that acted
+    values: Tensor  # [B] at the time of acting
+    advantages: Tensor  # [B]
+    returns: Tensor  # [B] targets of the value function
+
+    def take(self, indices: Tensor) -> Samples:
+        """Return the samples at these indices."""
+        return Samples(*(getattr(self, name).index_select(0, indices) for name in self.__dataclass_fields__))
+
+
+def ppo_losses(
+    log_probs: Tensor, values: Tensor, entropy: Tensor, batch: Samples, clip_range: float, config: PPOConfig
+) -> dict[str, Tensor]:
+    """Return the clipped surrogate loss, its parts, and two measures of how far the policy has moved.
+
+    Args:
+        log_probs: Of the batch's actions under the present policy, `[B]`.
+        values: Of the batch's observations under the present value function, `[B]`.
+        entropy: Of the present policy, `[B]`.
+        batch: What acted and what came of it.
+        clip_range: How far the ratio of probabilities may gain from moving away from 1.
+        config: Coefficients and switches.
+
+    Returns:
+        Scalars: `loss` with its gradient; `policy_loss`, `value_loss`, `entropy`, `approximate_kl` and
+        `clipped_share` without.
+    """
+    log_ratio = log_probs - batch.log_probs
+    ratio = log_ratio.exp()
+    policy_loss = _policy_loss(ratio, _normalised(batch.advantages, config), clip_range)
+    value_loss = _value_loss(values, batch, clip_range if config.clip_value else torch.inf)
+    mean_entropy = entropy.mean()
+    loss = policy_loss + config.value_coefficient * value_loss - config.entropy_coefficient * mean_entropy
+    with torch.no_grad():
+        return {
+            "loss": loss,
+            "policy_loss": policy_loss.detach(),
+            "value_loss": value_loss.detach(),
+            "entropy": mean_entropy.detach(),
+            "approximate_kl": (ratio - 1 - log_ratio).mean(),
+            "clipped_share": ((ratio - 1).abs() > clip_range).float().mean(),
+        }
+
+
+def _normalised(advantages: Tensor, config: PPOConfig) -> Tensor:
+    if not config.normalize_advantages or len(advantages) == 1:
+        return advantages
+    return (advantages - advantages.mean()) / (advantages.std() + 1e-8)
+
+
+def _policy_loss(ratio: Tensor, advantages: Tensor, clip_range: float) -> Tensor:
+    """Return minus the pessimistic of the plain and the clipped surrogate."""
+    clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
+    return -torch.minimum(ratio * advantages, clipped * advantages).mean()
+
+
+def _value_loss(values: Tensor, batch: Samples, clip_range: float) -> Tensor:
+    """Return half the mean of the worse of the plain and the clipped squared error."""
+    clipped = batch.values + (values - batch.values).clamp(-clip_range, clip_range)
+    return 0.5 * torch.maximum((values - batch.returns).square(), (clipped - batch.returns).square()).mean()
+
+
+def _explained_variance(values: Tensor, returns: Tensor) -> float:
+    """Return 1 for perfect values, 0 for a constant, less for worse; 0 where the returns do not vary."""
+    variance = returns.var()
+    return float(1 - (returns - values).var() / variance) if variance > 0 else 0.0

@@ -1,0 +1,25 @@
+"""Named settings of the agents, domain by domain: only what differs from the defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sprl_baselines.config import suggestion
+from sprl_baselines.presets import grid
+
+DOMAINS = {"grid": grid.PRESETS}
+
+
+def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
+    """Return what the named preset changes for an agent in a domain.
+
+    Raises:
+        ValueError: The domain or the preset is unknown.
+    """
+    if domain not in DOMAINS:
+        raise ValueError(f"unknown domain {domain!r}{suggestion(domain, tuple(DOMAINS))}")
+    presets = DOMAINS[domain]
+    if name not in presets:
+        raise ValueError(f"unknown preset {name!r} of domain {domain!r}{suggestion(name, tuple(presets))}")
+    return presets[name].get(agent, {})

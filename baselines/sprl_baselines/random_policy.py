@@ -1,0 +1,58 @@
+"""The agent that learns nothing: actions drawn uniformly. Every other agent is measured from here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import Space, spaces
+from gymnasium.vector import VectorEnv
+
+STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
+
+
+class RandomAgent:
+    """Draws each action uniformly from the action space, with its own generator."""
+
+    def __init__(self, seed: int) -> None:
+        self._generator = np.random.default_rng(seed)
+        self._steps = 0
+
+    def train(self, envs: VectorEnv[Any, Any, Any], budget: int) -> Iterator[dict[str, float]]:
+        """Act until `budget` env steps are taken; yield now and then."""
+        if self._steps == 0:
+            envs.reset()
+        while self._steps < budget:
+            for _ in range(STEPS_PER_REPORT):
+                envs.step(uniform_actions(envs.single_action_space, envs.num_envs, self._generator))
+            self._steps += STEPS_PER_REPORT * envs.num_envs
+            yield {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the steps taken and the generator's state."""
+        return {"steps": self._steps, "generator": self._generator.bit_generator.state}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state."""
+        self._steps = int(state["steps"])
+        self._generator.bit_generator.state = state["generator"]
+
+
+def random(*, seed: int, device: str = "cpu", num_envs: int = 12) -> RandomAgent:  # noqa: ARG001 - read by the harness
+    """Make a random agent."""
+    return RandomAgent(seed)
+
+
+def uniform_actions(space: Space[Any], count: int, generator: np.random.Generator) -> npt.NDArray[Any]:
+    """Draw `[N]` discrete or `[N, A]` continuous actions.
+
+    Raises:
+        ValueError: The space is neither `Discrete` nor a bounded `Box`.
+    """
+    if isinstance(space, spaces.Discrete):
+        return generator.integers(space.start, space.start + space.n, size=count, dtype=np.int64)
+    if isinstance(space, spaces.Box) and space.is_bounded():
+        return generator.uniform(space.low, space.high, size=(count, *space.shape)).astype(space.dtype)
+    raise ValueError(f"no uniform policy for actions in {space}: need Discrete or a bounded Box")
