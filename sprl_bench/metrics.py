@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 __all__ = [
     "BINS",
@@ -104,8 +103,9 @@ def iqm(scores: Array) -> Array:
     Returns:
         [...]
     """
-    flat = scores.reshape(*scores.shape[:-2], -1)
-    return np.asarray(stats.trim_mean(flat, proportiontocut=0.25, axis=-1))
+    flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
+    cut = flat.shape[-1] // 4
+    return np.asarray(flat[..., cut : flat.shape[-1] - cut].mean(axis=-1))
 
 
 class Interval(NamedTuple):
