@@ -29,6 +29,7 @@ __all__ = [
     "Scores",
     "TaskSpec",
     "Totals",
+    "find_records",
     "hyperparameters_hash",
     "read",
     "write",
@@ -207,6 +208,18 @@ def read(path: Path, model: type[Model]) -> Model:
         place = ".".join(str(part) for part in first["loc"]) or "the file"
         more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
         raise InvalidFileError(f"{path}: {place}: {first['msg']}{more}") from None
+
+
+def find_records(root: Path) -> list[RunRecord]:
+    """Read all records below `root`, in the order of their paths.
+
+    Raises:
+        InvalidFileError: One of them is broken.
+        FileNotFoundError: There is no such folder.
+    """
+    if not root.exists():
+        raise FileNotFoundError(f"{root} does not exist.")
+    return [read(path, RunRecord) for path in sorted(root.rglob("record.json"))]
 
 
 def write(path: Path, data: Data) -> None:
