@@ -1,0 +1,202 @@
+"""A table as a value: one row an agent, one cell a task, every mean with its interval and its number of seeds.
+
+Intervals come from a generator with a documented seed, one for each number: the same runs give the same table to the
+byte, and another agent's row changes nothing in it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from sprl_bench import metrics
+from sprl_bench.records import Data, RunRecord, RunSpec, Scores
+from sprl_bench.tables.results import (
+    Hole,
+    MissingRunsError,
+    Result,
+    check_comparable,
+    describe_holes,
+    find_holes,
+    select_tasks,
+    split_suites,
+)
+
+__all__ = ["BOOTSTRAP_SEED", "Cell", "Estimate", "Row", "Table", "tabulate", "tabulate_results"]
+
+BOOTSTRAP_SEED = 20210706
+"""Seeds the generator of every interval that we show."""
+
+
+class Estimate(Data):
+    """A number with its 95 % stratified-bootstrap interval; none with a single seed."""
+
+    value: float
+    interval: metrics.Interval | None
+    seeds: int
+
+
+class Cell(Data):
+    """One agent on one task, over the seeds that are there."""
+
+    task: str
+    seeds: tuple[int, ...]
+    missing: tuple[int, ...]
+    auc: Estimate | None
+    final: Estimate | None
+    success_auc: Estimate | None
+    success_final: Estimate | None
+    steps_to_threshold: tuple[int | None, ...]
+
+
+class Row(Data):
+    """One agent; its overall figures are over the seeds that it has on every task."""
+
+    agent: str
+    privileged: bool
+    seeds: tuple[int, ...]
+    cells: tuple[Cell, ...]
+    auc: Estimate | None
+    auc_iqm: Estimate | None
+    final: Estimate | None
+    success_auc: Estimate | None
+    success_final: Estimate | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether no run is missing."""
+        return not any(cell.missing for cell in self.cells)
+
+
+class Table(Data):
+    """The agents of one suite."""
+
+    suite: str
+    suite_version: int
+    tasks: tuple[str, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+
+def tabulate(
+    records: Iterable[RunRecord],
+    *,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
+) -> list[Table]:
+    """Return one table for each suite among these records.
+
+    Args:
+        records: Finished runs; incomplete ones count as missing.
+        tasks: The tasks to show, or None for all tasks of the suite.
+        planned: Runs that were asked for: those without a record count as missing.
+        allow_missing: Show what is there, and mark it, where runs are missing.
+
+    Raises:
+        MissingRunsError: Runs are missing and `allow_missing` is false.
+        IncomparableError: The records must not share a table.
+        ValueError: There is no finished run, or a task is unknown.
+    """
+    everything = list(records)
+    complete = [Result.of(record) for record in everything if record.status == "complete"]
+    wanted = [*planned, *(record.spec for record in everything if record.status != "complete")]
+    if not complete:
+        raise ValueError("There is no finished run to make a table of.")
+    return [
+        tabulate_results(results, tasks=tasks, planned=wanted, allow_missing=allow_missing)
+        for results in split_suites(complete).values()
+    ]
+
+
+def tabulate_results(
+    results: Sequence[Result],
+    *,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
+) -> Table:
+    """Return the table of one suite's results; see `tabulate`."""
+    names = select_tasks(results, tasks)
+    shown = [result for result in results if result.task.name in names]
+    holes = find_holes(results, planned, names) if shown else []
+    if not shown:
+        raise MissingRunsError(f"Suite {results[0].suite!r} has no finished run of {', '.join(names)}.")
+    notes = check_comparable(shown)
+    if holes and not allow_missing:
+        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}.")
+    by_agent: dict[str, list[Result]] = defaultdict(list)
+    for result in shown:
+        by_agent[result.agent].append(result)
+    return Table(
+        suite=results[0].suite,
+        suite_version=results[0].suite_version,
+        tasks=names,
+        rows=tuple(_row(agent, runs, names, holes) for agent, runs in sorted(by_agent.items())),
+        notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
+    )
+
+
+def _row(agent: str, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
+    scores: dict[str, dict[int, Scores]] = {task: {} for task in tasks}
+    for result in results:
+        scores[result.task.name][result.seed] = result.scores
+    seeds = tuple(sorted(set.intersection(*(set(of_task) for of_task in scores.values()))))
+    cells = [
+        _cell(task, of_task, tuple(hole.seed for hole in holes if (hole.agent, hole.task) == (agent, task)))
+        for task, of_task in scores.items()
+    ]
+    complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in scores.items()}
+    return Row(
+        agent=agent,
+        privileged=results[0].privileged,
+        seeds=seeds,
+        cells=tuple(cells),
+        auc=estimate(complete, "auc"),
+        auc_iqm=estimate(complete, "auc", metrics.iqm),
+        final=estimate(complete, "final"),
+        success_auc=estimate(complete, "success_auc"),
+        success_final=estimate(complete, "success_final"),
+    )
+
+
+def _cell(task: str, scores: Mapping[int, Scores], missing: tuple[int, ...]) -> Cell:
+    column = {task: dict(sorted(scores.items()))}
+    return Cell(
+        task=task,
+        seeds=tuple(column[task]),
+        missing=missing,
+        auc=estimate(column, "auc"),
+        final=estimate(column, "final"),
+        success_auc=estimate(column, "success_auc"),
+        success_final=estimate(column, "success_final"),
+        steps_to_threshold=tuple(score.steps_to_threshold for score in column[task].values()),
+    )
+
+
+def matrix(scores: Mapping[str, Mapping[int, Scores]], name: str) -> metrics.Array:
+    """Return one score of every run: [S, T], seeds in ascending order, tasks in the given one."""
+    columns = [[getattr(of_task[seed], name) for seed in sorted(of_task)] for of_task in scores.values()]
+    return np.asarray(columns, dtype=np.float64).T
+
+
+def estimate(
+    scores: Mapping[str, Mapping[int, Scores]], name: str, statistic: metrics.Statistic = metrics.mean
+) -> Estimate | None:
+    """Return a statistic of one score with its interval, or None where there is no seed.
+
+    Args:
+        scores: By task and seed, the same seeds for every task.
+        name: A field of `Scores`.
+        statistic: From [..., S, T] to [...].
+    """
+    values = matrix(scores, name)
+    if values.size == 0:
+        return None
+    return Estimate(
+        value=float(statistic(values)),
+        interval=metrics.bootstrap_interval(values, statistic, np.random.default_rng(BOOTSTRAP_SEED)),
+        seeds=values.shape[0],
+    )

@@ -1,0 +1,93 @@
+"""Made-up runs: records with known curves, for all that reads records and never trains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sprl_bench import records
+from sprl_bench.records import Hardware, RunRecord, RunSpec, Scores, TaskSpec, Totals
+from sprl_bench.tasks import SUITES
+
+MakeRecord = Callable[..., RunRecord]
+
+
+def synthetic_record(
+    agent: str = "ppo",
+    task: str = "FourRooms-7x7",
+    seed: int = 0,
+    *,
+    suite: str = "smoke",
+    curve: Any = None,
+    level: float = 0.5,
+    privileged: bool = False,
+    hyperparameters: dict[str, Any] | None = None,
+    task_changes: dict[str, Any] | None = None,
+    suite_version: int = 1,
+    **changes: Any,
+) -> RunRecord:
+    """Return a run whose curve is `curve`, or `level` everywhere."""
+    values = tuple(np.full(100, level).tolist() if curve is None else np.asarray(curve, dtype=float).tolist())
+    task_spec = TaskSpec.of(SUITES[suite].task(task)).model_copy(update=task_changes or {})
+    chosen = {"learning_rate": 0.001} if hyperparameters is None else hyperparameters
+    spec = RunSpec(
+        suite=suite,
+        suite_version=suite_version,
+        task=task_spec,
+        agent=agent,
+        source=f"made_up:{agent}",
+        privileged=privileged,
+        hyperparameters=chosen,
+        hyperparameters_hash=records.hyperparameters_hash(chosen),
+        seed=seed,
+        num_envs=12,
+    )
+    fields: dict[str, Any] = {
+        "spec": spec,
+        "status": "complete",
+        "return_curve": values,
+        "success_curve": values,
+        "scores": Scores.of(task_spec, values, values),
+        "totals": Totals(env_steps=task_spec.budget, episodes=100, successes=50, mean_return=0.5, mean_length=50.0),
+        "fingerprint": f"golden-{task}",
+        "versions": {"python": "3.11.7", "numpy": "2.4.6", "sprl-bench": "0.1.0"},
+        "git_commit": None,
+        "hardware": Hardware(cpu="made up", cores=2, memory_gib=8.0),
+        "wall_time_s": 1.5,
+        "peak_memory_mib": 100.0,
+    }
+    return RunRecord(**{**fields, **changes})
+
+
+@pytest.fixture
+def make_record() -> MakeRecord:
+    return synthetic_record
+
+
+@pytest.fixture
+def grid_7x7() -> list[RunRecord]:
+    """Two agents, two tasks, five seeds; every curve flat."""
+    levels = {"ppo": 0.5, "random": 0.1}
+    return [
+        synthetic_record(agent, task, seed, suite="grid-7x7", level=level + 0.01 * seed + 0.1 * task.startswith("Key"))
+        for agent, level in levels.items()
+        for task in ("FourRooms-7x7", "KeyDoors-7x7")
+        for seed in range(5)
+    ]
+
+
+@pytest.fixture
+def write_runs(tmp_path: Path) -> Callable[[list[RunRecord]], Path]:
+    """Return a function that writes records where a run would have, and returns their root."""
+
+    def write(runs: list[RunRecord]) -> Path:
+        root = tmp_path / "runs"
+        for run in runs:
+            records.write(run.spec.path(root) / "record.json", run)
+        return root
+
+    return write
