@@ -1,0 +1,34 @@
+"""The table of environment ids, and the one loop that registers them with Gymnasium.
+
+Importing this package needs nothing but Gymnasium: entry points are strings, resolved when an environment is
+made. So a spec serialises to JSON, and ``import sprl_bench`` stays quick.
+"""
+
+from __future__ import annotations
+
+import gymnasium
+
+__all__ = ["IDS", "register"]
+
+_GRID = "sprl_bench.envs.grid"
+
+# id -> (entry point of the single environment, entry point of the batched engine)
+_TABLE: dict[str, tuple[str, str]] = {
+    "SPRL/FourRooms-7x7-v1": (f"{_GRID}.four_rooms:FourRooms7x7", f"{_GRID}.engine:FourRooms7x7Engine"),
+    "SPRL/FourRooms-11x11-v1": (f"{_GRID}.four_rooms:FourRooms11x11", f"{_GRID}.engine:FourRooms11x11Engine"),
+    "SPRL/KeyDoors-7x7-v1": (f"{_GRID}.key_doors:KeyDoors7x7", f"{_GRID}.engine:KeyDoors7x7Engine"),
+    "SPRL/KeyDoors-11x11-v1": (f"{_GRID}.key_doors:KeyDoors11x11", f"{_GRID}.engine:KeyDoors11x11Engine"),
+}
+
+IDS: tuple[str, ...] = tuple(_TABLE)
+"""Every environment id, in the order of the protocol's table."""
+
+
+def register() -> None:
+    """Make every id of ``IDS`` known to ``gymnasium.make`` and ``gymnasium.make_vec``; a second call does nothing.
+
+    No id carries ``max_episode_steps``: each environment truncates itself at its horizon.
+    """
+    for env_id, (entry_point, vector_entry_point) in _TABLE.items():
+        if env_id not in gymnasium.registry:
+            gymnasium.register(env_id, entry_point, vector_entry_point=vector_entry_point)

@@ -1,0 +1,59 @@
+"""Checks of what a user passes in: each refusal is one sentence that names the argument, its value and the choice."""
+
+from __future__ import annotations
+
+import difflib
+import operator
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+__all__ = ["check_choice", "check_integer", "refuse_unknown"]
+
+
+def check_integer(name: str, value: object, low: int, high: int | None = None) -> int:
+    """Return ``value`` as an int if it is an integer (not a bool) from ``low`` to ``high``, both included.
+
+    Raises:
+        TypeError: ``value`` is not an integer.
+        ValueError: ``value`` is out of range.
+    """
+    allowed = f"an integer of at least {low}" if high is None else f"an integer from {low} to {high}"
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name} must be {allowed}, got {value!r} of type {type(value).__name__}.")
+    number = operator.index(value)
+    if number < low or (high is not None and number > high):
+        raise ValueError(f"{name} must be {allowed}, got {value!r}.")
+    return number
+
+
+def check_choice(name: str, value: object, allowed: Iterable[object]) -> None:
+    """Refuse a ``value`` that is not one of ``allowed``, with the nearest one suggested.
+
+    Raises:
+        ValueError: ``value`` is none of ``allowed``.
+    """
+    choices = list(allowed)
+    if value not in choices:
+        listed = ", ".join(repr(choice) for choice in choices)
+        raise ValueError(f"{name} must be one of {listed}, got {value!r}.{_suggestion(value, choices)}")
+
+
+def refuse_unknown(where: str, unknown: Mapping[str, Any], allowed: Iterable[str]) -> None:
+    """Refuse keyword arguments that ``where`` does not take, with the nearest known name suggested.
+
+    Raises:
+        TypeError: ``unknown`` is not empty.
+    """
+    known = sorted(allowed)
+    for name, value in unknown.items():
+        raise TypeError(
+            f"{where} takes no argument {name!r} (got {name}={value!r}); it takes {', '.join(known)}."
+            f"{_suggestion(name, known)}"
+        )
+
+
+def _suggestion(value: object, choices: Iterable[object]) -> str:
+    """Return a question that offers the choice nearest to ``value``, or nothing if none is near."""
+    by_name = {str(choice).lower(): choice for choice in choices if isinstance(choice, str)}
+    nearest = difflib.get_close_matches(str(value).lower(), by_name, n=1)
+    return f" Did you mean {by_name[nearest[0]]!r}?" if nearest else ""

@@ -1,0 +1,52 @@
+"""The alphabet of a grid observation: what the three numbers of a cell mean, and the actions' numbers.
+
+The numbers are Minigrid's, written down here so that the engine and the solver need not import it.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+__all__ = [
+    "AGENT", "CLOSED", "DIRECTIONS", "DONE", "DOOR", "DOWN", "DROP", "EMPTY", "FORWARD", "GOAL", "GREEN",
+    "GREY", "HORIZON", "KEY", "LEFT", "LOCKED", "NUM_ACTIONS", "OPEN", "PICKUP", "RED", "RIGHT", "TOGGLE",
+    "TURN_LEFT", "TURN_RIGHT", "UP", "WALL", "YELLOW",
+]  # fmt: skip
+
+# Channel 0: the type of the cell's object.
+EMPTY: Final = 1
+WALL: Final = 2
+DOOR: Final = 4
+KEY: Final = 5
+GOAL: Final = 8
+AGENT: Final = 10
+
+# Channel 1: its colour. Walls are grey, the goal green, key and door yellow; an empty cell and the agent have 0.
+RED: Final = 0
+GREEN: Final = 1
+YELLOW: Final = 4
+GREY: Final = 5
+
+# Channel 2: the state of a door, or the direction of the agent.
+OPEN: Final = 0
+CLOSED: Final = 1
+LOCKED: Final = 2
+
+RIGHT: Final = 0
+DOWN: Final = 1
+LEFT: Final = 2
+UP: Final = 3
+DIRECTIONS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""(dx, dy) of one step in each direction."""
+
+TURN_LEFT: Final = 0
+TURN_RIGHT: Final = 1
+FORWARD: Final = 2
+PICKUP: Final = 3
+DROP: Final = 4
+TOGGLE: Final = 5
+DONE: Final = 6
+NUM_ACTIONS: Final = 7
+
+HORIZON: Final = 100
+"""Steps after which an episode is truncated; also the divisor in the reward."""

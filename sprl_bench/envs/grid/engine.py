@@ -1,0 +1,169 @@
+"""The batched grid engine: the single environments' MDPs, bit for bit, in a few compiled calls a step."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box, Discrete
+from numpy.typing import NDArray
+
+from sprl_bench.envs.grid import dynamics
+from sprl_bench.envs.grid.encoding import AGENT, GOAL, NUM_ACTIONS, WALL
+from sprl_bench.envs.grid.streams import STREAM_LIMBS, seed_streams, to_generator
+from sprl_bench.envs.vector import Array, BatchedEnv, Rows
+
+__all__ = [
+    "FourRooms7x7Engine",
+    "FourRooms11x11Engine",
+    "GridEngine",
+    "KeyDoors7x7Engine",
+    "KeyDoors11x11Engine",
+]
+
+
+class GridEngine(BatchedEnv):
+    """N grids stepped by kernels; the arguments are those of ``BatchedEnv``."""
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+    grain = 2048
+    size: ClassVar[int]
+    _restart_kernel: ClassVar[Callable[..., None]]
+
+    def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
+        super().__init__(
+            num_envs,
+            single_observation_space=Box(0, 255, (self.size, self.size, 3), np.uint8),
+            single_action_space=Discrete(NUM_ACTIONS),
+            **arguments,
+        )
+        self._agents = np.zeros((num_envs, 3), np.int64)
+        self._beneath = np.zeros((num_envs, 3), np.uint8)
+        self._carrying = np.zeros(num_envs, np.bool_)
+        self._streams = np.zeros((num_envs, STREAM_LIMBS), np.uint64)
+        self._actions = np.zeros(num_envs, np.int64)
+        self._is_success = np.zeros(num_envs, np.bool_)
+
+    def _seed(self, rows: Rows, seeds: list[int]) -> None:
+        seed_streams(self._streams, rows, seeds)
+
+    def _restart(self, rows: Rows) -> None:
+        type(self)._restart_kernel(
+            rows, self._observations, self._agents, self._beneath, self._carrying, self._streams
+        )
+        self._is_success[rows] = False
+
+    def _advance(self, actions: NDArray[np.int64]) -> None:
+        self._threads.map(
+            dynamics.advance,
+            self.num_envs,
+            actions,
+            self._ended,
+            self._elapsed,
+            self._observations,
+            self._agents,
+            self._beneath,
+            self._carrying,
+            self._rewards,
+            self._terminations,
+            self._truncations,
+        )
+        self._is_success[:] = self._terminations
+
+    def _checked_actions(self, actions: Any) -> NDArray[np.int64]:
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
+            raise TypeError(
+                f"actions must be integers of shape ({self.num_envs},), got {given.dtype} of shape {given.shape}."
+            )
+        self._actions[:] = given  # one type for the kernels, whatever the user's
+        row = dynamics.first_invalid(self._actions, self._ended)
+        if row >= 0:
+            raise ValueError(f"actions must be from 0 to {NUM_ACTIONS - 1}, got {given[row]} at index {row}.")
+        return self._actions
+
+    def _information(self) -> Mapping[str, Array]:
+        return {"is_success": self._is_success, "position": self._agents[:, :2]}
+
+    def _arrays(self) -> Mapping[str, Array]:
+        return {
+            "observations": self._observations,
+            "agents": self._agents,
+            "beneath": self._beneath,
+            "carrying": self._carrying,
+            "streams": self._streams,
+        }
+
+    def _check_state(self, state: Mapping[str, Array]) -> None:
+        cells, (x, y, direction) = state["observations"][..., 0], state["agents"].T
+        walled = (cells[:, [0, -1]] == WALL).all() and (cells[:, :, [0, -1]] == WALL).all()
+        if not walled or (cells > AGENT).any():
+            raise ValueError("The state's 'observations' must be grids with a wall around them.")
+        inside = (x > 0) & (x < self.size - 1) & (y > 0) & (y < self.size - 1)
+        if not (inside & (direction >= 0) & (direction < 4)).all():
+            raise ValueError("The state's 'agents' must be x and y inside the walls and a direction from 0 to 3.")
+        if (cells[np.arange(self.num_envs), y, x] != AGENT).any() or (state["beneath"][:, 0] > GOAL).any():
+            raise ValueError("The state's 'agents' and 'observations' must agree on where the agents are.")
+
+    def _generator(self, row: int) -> np.random.Generator:
+        return to_generator(self._streams[row])
+
+    def _load(self, single: gymnasium.Env[Array, Any], row: int) -> None:
+        single.unwrapped.load(  # type: ignore[attr-defined]  # GridEnv's
+            self._observations[row], self._beneath[row], bool(self._carrying[row]), int(self._elapsed[row])
+        )
+
+    @abstractmethod
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        """Make a single environment, with this engine's render mode."""
+
+
+class FourRooms7x7Engine(GridEngine):
+    """N FourRooms with S = 7."""
+
+    size = 7
+    _restart_kernel = dynamics.restart_four_rooms
+
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        from sprl_bench.envs.grid.four_rooms import FourRooms7x7
+
+        return FourRooms7x7(render_mode=self.render_mode)
+
+
+class FourRooms11x11Engine(GridEngine):
+    """N FourRooms with S = 11."""
+
+    size = 11
+    _restart_kernel = dynamics.restart_four_rooms
+
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        from sprl_bench.envs.grid.four_rooms import FourRooms11x11
+
+        return FourRooms11x11(render_mode=self.render_mode)
+
+
+class KeyDoors7x7Engine(GridEngine):
+    """N KeyDoors with S = 7."""
+
+    size = 7
+    _restart_kernel = dynamics.restart_key_doors
+
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        from sprl_bench.envs.grid.key_doors import KeyDoors7x7
+
+        return KeyDoors7x7(render_mode=self.render_mode)
+
+
+class KeyDoors11x11Engine(GridEngine):
+    """N KeyDoors with S = 11."""
+
+    size = 11
+    _restart_kernel = dynamics.restart_key_doors
+
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        from sprl_bench.envs.grid.key_doors import KeyDoors11x11
+
+        return KeyDoors11x11(render_mode=self.render_mode)

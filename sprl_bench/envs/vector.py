@@ -1,0 +1,458 @@
+"""Everything about a batched engine that is not dynamics, so that it cannot be told from Gymnasium's own.
+
+A ``BatchedEnv`` of N sub-environments returns, value for value, what ``SyncVectorEnv`` returns over N single
+environments: automatic resets, seeds, masked resets, time limits and infos are here, once. An engine adds the
+arrays and the three functions that change them: seed, restart, advance.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
+from sprl_bench.envs.threads import Threads
+
+__all__ = ["BatchedEnv"]
+
+Array = NDArray[Any]
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_NEVER: Final = np.iinfo(np.int64).max
+_NO_THREADS: Final = Threads(1, grain=1)
+_ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
+
+
+class BatchedEnv(VectorEnv[Array, Array, Array]):
+    """N copies of one environment, held and stepped as arrays.
+
+    Args:
+        num_envs: Number of sub-environments N.
+        autoreset_mode: ``"SameStep"``, ``"NextStep"`` or ``"Disabled"``, or Gymnasium's enum.
+        num_threads: The most threads a step may use; None for as many as there are usable cores. No result
+            depends on it.
+        max_episode_steps: A further time limit, which acts as ``TimeLimit`` does; None or -1 for none.
+        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        copy: Whether observations are returned as copies. If not, the array that the next step changes in place
+            is returned, which saves one copy.
+
+    Raises:
+        TypeError, ValueError: An argument is unknown or not allowed.
+    """
+
+    metadata: dict[str, Any]
+    grain: ClassVar[int] = 1
+    """The least number of sub-environments worth a thread."""
+
+    _observations: Array  # [N, ...], current; filled by _restart and _advance
+    _rewards: NDArray[np.float64]  # [N]
+    _terminations: Mask  # [N]
+    _truncations: Mask  # [N]
+    _elapsed: Rows  # [N] steps of the running episode
+    _ended: Mask  # [N] episode over and not yet restarted; stays False under SameStep
+
+    _threads: Threads = _NO_THREADS
+    _viewer: gymnasium.Env[Array, Any] | None = None
+    _spec: EnvSpec | None = None
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        single_observation_space: gymnasium.Space[Any],
+        single_action_space: gymnasium.Space[Any],
+        autoreset_mode: str | AutoresetMode = "SameStep",
+        num_threads: int | None = None,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        copy: bool = True,
+        **unknown: Any,
+    ) -> None:
+        refuse_unknown(type(self).__name__, unknown, _ARGUMENTS)
+        self.num_envs = check_integer("num_envs", num_envs, 1)
+        self._mode = _autoreset_mode(autoreset_mode)
+        self._limit = _time_limit(max_episode_steps)
+        check_choice("render_mode", render_mode, [None, *self.metadata["render_modes"]])
+        check_choice("copy", copy, [True, False])
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.single_observation_space = single_observation_space
+        self.single_action_space = single_action_space
+        self.observation_space = batch_space(single_observation_space, self.num_envs)
+        self.action_space = batch_space(single_action_space, self.num_envs)
+        self._copy = copy
+        self._threads = Threads(num_threads, self.grain)
+        self._allocate()
+
+    def _allocate(self) -> None:
+        shape, dtype = self.single_observation_space.shape, self.single_observation_space.dtype
+        assert shape is not None
+        self._observations = np.zeros((self.num_envs, *shape), dtype)
+        self._rewards = np.zeros(self.num_envs, np.float64)
+        self._terminations = np.zeros(self.num_envs, np.bool_)
+        self._truncations = np.zeros(self.num_envs, np.bool_)
+        self._elapsed = np.zeros(self.num_envs, np.int64)
+        self._ended = np.zeros(self.num_envs, np.bool_)
+        self._seeds: list[int | None] = [None] * self.num_envs
+        self._is_reset = False
+
+    # What an engine adds.
+
+    @abstractmethod
+    def _seed(self, rows: Rows, seeds: list[int]) -> None:
+        """Seed the streams of the sub-environments ``rows`` as ``gymnasium.utils.seeding.np_random`` would."""
+
+    @abstractmethod
+    def _restart(self, rows: Rows) -> None:
+        """Start a new episode in the sub-environments ``rows``: their observations and information."""
+
+    @abstractmethod
+    def _advance(self, actions: Array) -> None:
+        """Step each sub-environment that has not ended: observations, information, rewards and flags.
+
+        The others get reward 0 and no flag. ``_elapsed`` already counts the step.
+        """
+
+    @abstractmethod
+    def _checked_actions(self, actions: Any) -> Array:
+        """Return the actions as ``_advance`` takes them, or raise with nothing changed."""
+
+    @abstractmethod
+    def _information(self) -> Mapping[str, Array]:
+        """Return the live arrays [N, ...] behind ``infos``, by name."""
+
+    @abstractmethod
+    def _arrays(self) -> Mapping[str, Array]:
+        """Return the live arrays [N, ...] that, with those of this class, make up the state, by name."""
+
+    @abstractmethod
+    def _check_state(self, state: Mapping[str, Array]) -> None:
+        """Refuse arrays, of the right names, shapes and types, that the engine could not have been in."""
+
+    @abstractmethod
+    def _generator(self, row: int) -> np.random.Generator:
+        """Return a generator that would continue the stream of one sub-environment; the stream stays as it is."""
+
+    @abstractmethod
+    def _single(self) -> gymnasium.Env[Array, Any]:
+        """Make a single environment, with this engine's render mode."""
+
+    @abstractmethod
+    def _load(self, single: gymnasium.Env[Array, Any], row: int) -> None:
+        """Put a single environment into the state of one sub-environment, all but its generator."""
+
+    # What Gymnasium asks for.
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Start a new episode in every sub-environment, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: An int seeds sub-environment i with ``seed + i``; a list gives each its own, None continuing its
+                stream; None continues all streams.
+            options: ``"reset_mask"``, a bool array [N] with at least one True; nothing else is looked at.
+
+        Returns:
+            Observations [N, ...] of all sub-environments, and the infos of those that were reset.
+
+        Raises:
+            TypeError, ValueError: A seed or the mask is not allowed; nothing has changed.
+            ResetNeeded: The mask leaves out a sub-environment that has never been reset.
+        """
+        mask = self._checked_mask(options)
+        rows = np.flatnonzero(mask)
+        self._apply_seeds(rows, self._checked_seeds(seed, rows))
+        self._begin(rows)
+        self._ended[rows] = False
+        self._is_reset = True
+        self._draw_window()
+        return self._current_observations(), self._infos(mask)
+
+    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
+        """Take one action in every sub-environment.
+
+        Returns:
+            Observations [N, ...], rewards float64 [N], terminations bool [N], truncations bool [N], infos. All are
+            new arrays (the observations under ``copy=True``).
+
+        Raises:
+            ResetNeeded: No episode is running, or under ``"Disabled"`` one has ended and was not reset.
+            TypeError, ValueError: An action is not allowed. Whatever is raised, nothing has changed.
+        """
+        self._check_running()
+        actions = self._checked_actions(actions)
+        self._elapsed += 1
+        if self._mode is AutoresetMode.NEXT_STEP:
+            self._begin(np.flatnonzero(self._ended))
+        self._advance(actions)
+        if self._limit != _NEVER:
+            self._truncations |= self._elapsed >= self._limit
+        ended = self._terminations | self._truncations
+        finals = self._same_step(ended) if self._mode is AutoresetMode.SAME_STEP else self._later(ended)
+        self._draw_window()
+        return (
+            self._current_observations(),
+            self._rewards.copy(),
+            self._terminations.copy(),
+            self._truncations.copy(),
+            {**finals, **self._infos(np.ones(self.num_envs, np.bool_))},
+        )
+
+    def _same_step(self, ended: Mask) -> dict[str, Any]:
+        """Restart at once what has ended, and return how it ended."""
+        rows = np.flatnonzero(ended)
+        if not len(rows):
+            return {}
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        for row, observation in zip(rows.tolist(), self._observations[rows], strict=True):
+            final_obs[row] = observation
+        finals = {"final_obs": final_obs, "final_info": self._infos(ended)}
+        self._begin(rows)
+        return finals | {"_final_obs": ended, "_final_info": ended.copy()}
+
+    def _later(self, ended: Mask) -> dict[str, Any]:
+        """Remember what has ended, to be restarted by the next step or by the user."""
+        self._ended = ended
+        return {}
+
+    def _begin(self, rows: Rows) -> None:
+        if len(rows):
+            self._elapsed[rows] = 0
+            self._restart(rows)
+
+    def _infos(self, mask: Mask) -> dict[str, Any]:
+        """Return the information of the masked sub-environments, zero elsewhere, each with its mask."""
+        infos: dict[str, Any] = {}
+        for name, values in self._information().items():
+            infos[name] = values.copy()
+            infos[name][~mask] = 0
+            infos[f"_{name}"] = mask.copy()
+        return infos
+
+    def _current_observations(self) -> Array:
+        return self._observations.copy() if self._copy else self._observations
+
+    def _check_running(self) -> None:
+        if not self._is_reset:
+            raise ResetNeeded("step() needs a reset() before it.")
+        if self._mode is AutoresetMode.DISABLED and self._ended.any():
+            raise ResetNeeded(
+                "step() needs a reset() of the sub-environments whose episode is over, "
+                f"{np.flatnonzero(self._ended).tolist()}: pass options={{'reset_mask': ...}} (autoreset_mode is 'Disabled')."
+            )
+
+    # Seeds and streams.
+
+    def _checked_seeds(self, seed: Any, rows: Rows) -> list[int | None]:
+        """Return one seed or None for each of ``rows``."""
+        if seed is None:
+            return [None] * len(rows)
+        seeds = [seed + row for row in range(self.num_envs)] if isinstance(seed, int) else seed
+        if not isinstance(seeds, Sequence) or isinstance(seeds, str):
+            raise TypeError(f"seed must be an int, a list of num_envs ints or None, or None, got {seed!r}.")
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must have one entry for each of {self.num_envs} sub-environments, got {len(seeds)}.")
+        chosen = [seeds[row] for row in rows]
+        for value in chosen:
+            if value is not None and not (isinstance(value, int) and value >= 0):
+                raise ValueError(f"seed must be made of non-negative ints or None, got {value!r}.")
+        return chosen
+
+    def _apply_seeds(self, rows: Rows, seeds: list[int | None]) -> None:
+        """Seed ``rows``; one that has no seed and never had one gets a random one."""
+        fresh = {
+            int(row): _random_seed() if seed is None else seed
+            for row, seed in zip(rows, seeds, strict=True)
+            if seed is not None or self._seeds[row] is None
+        }
+        if fresh:
+            self._seed(np.array(list(fresh), np.int64), list(fresh.values()))
+        for row, value in fresh.items():
+            self._seeds[row] = value
+
+    def _seed_all(self) -> None:
+        self._apply_seeds(np.arange(self.num_envs), [None] * self.num_envs)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # a tuple, as SyncVectorEnv's
+        """The seed of each sub-environment."""
+        self._seed_all()
+        return tuple(seed for seed in self._seeds if seed is not None)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # a tuple, as SyncVectorEnv's
+        """A generator for each sub-environment, in its present state. Drawing from it does not advance the stream."""
+        self._seed_all()
+        return tuple(self._generator(row) for row in range(self.num_envs))
+
+    # State.
+
+    def get_state(self) -> dict[str, Array]:
+        """Return copies of the arrays from which ``set_state`` continues the stream exactly.
+
+        Raises:
+            ResetNeeded: There is no state before the first reset.
+        """
+        if not self._is_reset:
+            raise ResetNeeded("get_state() needs a reset() before it.")
+        return {name: values.copy() for name, values in self._all_arrays().items()} | {"seeds": self._packed_seeds()}
+
+    def set_state(self, state: Mapping[str, Array]) -> None:
+        """Continue from a state that ``get_state`` of an engine of the same id and N gave.
+
+        Raises:
+            ValueError: The state is not one of such an engine; nothing has changed.
+        """
+        arrays = self._all_arrays()
+        _check_names(state, [*arrays, "seeds"])
+        for name, values in arrays.items():
+            _check_array(name, state[name], values.shape, values.dtype)
+        seeds = state["seeds"]
+        _check_array("seeds", seeds, (self.num_envs, seeds.shape[-1] if np.ndim(seeds) else 0), np.dtype(np.uint64))
+        if (state["elapsed"] < 0).any():
+            raise ValueError("The state's 'elapsed' must not be negative.")
+        self._check_state(state)
+        for name, values in arrays.items():
+            values[...] = state[name]
+        self._seeds = [sum(int(limb) << (64 * place) for place, limb in enumerate(row)) for row in seeds]
+        self._is_reset = True
+
+    def _all_arrays(self) -> dict[str, Array]:
+        return {"elapsed": self._elapsed, "ended": self._ended, **self._arrays()}
+
+    def _packed_seeds(self) -> NDArray[np.uint64]:
+        """Return the seeds as uint64 limbs [N, L], the lowest first, L wide enough for the largest (2 or more)."""
+        seeds = self.np_random_seed
+        width = max(2, *(-(-seed.bit_length() // 64) for seed in seeds))
+        packed = b"".join(seed.to_bytes(8 * width, "little") for seed in seeds)
+        return np.frombuffer(packed, "<u8").reshape(self.num_envs, width).astype(np.uint64)
+
+    # Pictures, and one sub-environment at a time.
+
+    def sub_env(self, row: int) -> gymnasium.Env[Array, Any]:
+        """Return a single environment in the state of one sub-environment, its random stream included.
+
+        It goes its own way from there: the engine does not notice what is done with it.
+        """
+        row = check_integer("row", row, 0, self.num_envs - 1)
+        single = self._single()
+        if self._is_reset:
+            self._load(single, row)
+        self._seed_all()
+        single.unwrapped.np_random = self._generator(row)
+        single.unwrapped._np_random_seed = self._seeds[row]
+        return single
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return an attribute, or a method's result, of a copy of each sub-environment.
+
+        The copies are thrown away: a method that changes its environment changes nothing here.
+        """
+        attributes = [getattr(self.sub_env(row), name) for row in range(self.num_envs)]
+        return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of a copy of each sub-environment."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Refuse: sub-environments are rows of arrays, which ``set_state`` changes."""
+        raise AttributeError(f"{type(self).__name__} has no sub-environments to set {name!r} on; see set_state().")
+
+    def render(self) -> tuple[Any, ...]:
+        """Return one frame for each sub-environment (None in human mode or without a render mode)."""
+        if not self._is_reset:
+            raise ResetNeeded("render() needs a reset() before it.")
+        if self.render_mode is None:
+            gymnasium.logger.warn(f'{self} has no render mode; make it with render_mode="rgb_array" or "human".')
+            return (None,) * self.num_envs
+        return tuple(self._frame(row) for row in range(self.num_envs))
+
+    def _frame(self, row: int) -> Any:
+        if self._viewer is None:
+            self._viewer = self._single()
+        self._load(self._viewer, row)
+        return self._viewer.render()
+
+    def _draw_window(self) -> None:
+        if self.render_mode == "human":
+            self.render()
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads and close the window, if there are any."""
+        self._threads.close()
+        if self._viewer is not None:
+            self._viewer.close()
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # make_vec sets it; here it is made serialisable
+        """What made this engine; an enum among its arguments is kept as its string, so that it serialises."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        for name, value in spec.kwargs.items() if spec is not None else ():
+            if isinstance(value, AutoresetMode):
+                spec.kwargs[name] = value.value
+        self._spec = spec
+
+    def _checked_mask(self, options: dict[str, Any] | None) -> Mask:
+        """Return which sub-environments to reset."""
+        if options is None or "reset_mask" not in options:
+            return np.ones(self.num_envs, np.bool_)
+        mask = options["reset_mask"]
+        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+            got = mask.dtype if isinstance(mask, np.ndarray) else type(mask).__name__
+            raise TypeError(f"options['reset_mask'] must be a NumPy array of bool, got {got}.")
+        if mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(
+                f"options['reset_mask'] must have shape ({self.num_envs},) and at least one True, got {mask!r}."
+            )
+        if not (self._is_reset or mask.all()):
+            raise ResetNeeded("The first reset() must reset all sub-environments.")
+        return mask
+
+
+def _autoreset_mode(value: object) -> AutoresetMode:
+    if not isinstance(value, AutoresetMode):
+        check_choice("autoreset_mode", value, [mode.value for mode in AutoresetMode])
+    return AutoresetMode(value)
+
+
+def _time_limit(max_episode_steps: int | None) -> int:
+    """Return the limit, or a number of steps that no episode reaches."""
+    if max_episode_steps is None or (max_episode_steps == -1 and not isinstance(max_episode_steps, bool)):
+        return _NEVER
+    return check_integer("max_episode_steps", max_episode_steps, 1)
+
+
+def _random_seed() -> int:
+    entropy = np.random.SeedSequence().entropy
+    assert isinstance(entropy, int)
+    return entropy
+
+
+def _check_names(state: Mapping[str, Array], expected: list[str]) -> None:
+    if not isinstance(state, Mapping) or set(state) != set(expected):
+        got = sorted(state) if isinstance(state, Mapping) else type(state).__name__
+        raise ValueError(f"A state must have exactly the entries {sorted(expected)}, got {got}.")
+
+
+def _check_array(name: str, values: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    if not isinstance(values, np.ndarray) or values.shape != shape or values.dtype != dtype:
+        got = f"{values.dtype} {values.shape}" if isinstance(values, np.ndarray) else type(values).__name__
+        raise ValueError(f"The state's {name!r} must be an array {dtype} {shape}, got {got}.")
