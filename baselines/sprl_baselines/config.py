@@ -25,6 +25,19 @@ class Range:
         return floor if math.isinf(self.high) else f"{floor} and at most {self.high}"
 
 
+class Choice(tuple[str, ...]):
+    """One of a few words."""
+
+    __slots__ = ()
+
+    def __new__(cls, *words: str) -> Self:
+        """Hold these words."""
+        return super().__new__(cls, words)
+
+    def __str__(self) -> str:
+        return "one of " + ", ".join(map(repr, self))
+
+
 Count = Annotated[int, Range(1)]
 Share = Annotated[float, Range(0, 1)]
 Weight = Annotated[float, Range(0)]

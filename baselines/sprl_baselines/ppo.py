@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from gymnasium import Space
 from torch import Tensor
-from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
-from sprl_baselines.config import Config, Count, Positive, Share, Weight
-from sprl_baselines.networks import actor_critic
+from sprl_baselines.config import Choice, Config, Count, Positive, Share, Weight
+from sprl_baselines.networks import GRID_ENCODINGS, actor_critic
 from sprl_baselines.returns import generalized_advantages, successor_values
 from sprl_baselines.rollout import Decision, Rollout
 
@@ -44,7 +43,9 @@ class PPOConfig(Config):
     clip_value: bool = True  # bound the value's move by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
-    grid_encoding: str = "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
+    grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = (
+        "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
+    )
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
 
@@ -166,7 +167,7 @@ class PPO:
             distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
         )
         self._optimizer.zero_grad()
-        losses.pop("loss").backward()
+        losses.pop("loss").backward()  # type: ignore[no-untyped-call]
         norm = clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
         self._optimizer.step()
         return {**losses, "gradient_norm": norm}
