@@ -1,0 +1,62 @@
+"""Where in a JSON text each of its values stands, so that a complaint can name the line."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+
+__all__ = ["Place", "find_duplicate", "find_line"]
+
+Place = tuple[str | int, ...]
+"""The keys and indices that lead from the whole file to a value."""
+
+TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+')
+
+
+def find_line(text: str, place: Place) -> int:
+    """Return the line, from 1, of a value or, where it is not there, of the innermost one around its place.
+
+    Args:
+        text: Valid JSON.
+        place: Keys and indices from the outside in.
+    """
+    lines = dict(values(text))
+    depth = next(depth for depth in range(len(place), -1, -1) if place[:depth] in lines)
+    return lines[place[:depth]]
+
+
+def find_duplicate(text: str) -> Place | None:
+    """Return the first place that a valid JSON text gives two values, or None where each has one."""
+    seen: set[Place] = set()
+    for place, _ in values(text):
+        if place in seen:
+            return place
+        seen.add(place)
+    return None
+
+
+def values(text: str) -> Iterator[tuple[Place, int]]:
+    """Walk through a valid JSON text and yield the place and the line of each value, in the text's order."""
+    path: list[str | int] = []
+    line, scanned, at_key = 1, 0, False
+    for token in TOKEN.finditer(text):
+        symbol = token.group()
+        line, scanned = line + text.count("\n", scanned, token.start()), token.start()
+        if symbol in ("}", "]"):
+            path.pop()
+            at_key = False
+        elif symbol == ",":
+            at_key = isinstance(path[-1], str)
+            path[-1] = path[-1] if isinstance(path[-1], str) else path[-1] + 1
+        elif at_key:
+            path[-1], at_key = _unquote(symbol), False
+        elif symbol != ":":
+            yield tuple(path), line
+            if symbol in ("{", "["):
+                path.append("" if symbol == "{" else 0)
+                at_key = symbol == "{"
+
+
+def _unquote(symbol: str) -> str:
+    return str(json.loads(symbol))

@@ -1,0 +1,243 @@
+"""The types of what is written to disk: one run's record, and what it was a run of.
+
+Plain data, checked when read: unknown keys, numbers that are not finite, and scores that do not follow from their own
+curve are refused with one line that names the place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import unicodedata
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, Field, JsonValue, model_validator
+
+from sprl_bench import metrics
+from sprl_bench.records.files import Data, read
+from sprl_bench.tasks import Suite, Task
+
+__all__ = [
+    "Count",
+    "Curve",
+    "Hardware",
+    "Json",
+    "Line",
+    "Name",
+    "RunRecord",
+    "RunSpec",
+    "Scores",
+    "TaskSpec",
+    "Totals",
+    "check_scores",
+    "find_records",
+    "hyperparameters_hash",
+]
+
+
+def _file_name(name: str) -> str:
+    """Refuse what cannot name a folder everywhere, and what could change a terminal."""
+    if name.startswith(".") or name != name.strip() or set(name) & set('/\\:"'):
+        raise ValueError(f"{name!r} cannot name a folder: no slashes, colons or quotes, and no dot in front")
+    return name
+
+
+def _printable(text: str) -> str:
+    if not all(letter.isprintable() or unicodedata.category(letter) == "Zs" for letter in text):
+        raise ValueError(f"{text!r} has a line break or another control character")
+    return text
+
+
+def _finite(value: JsonValue) -> JsonValue:
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise ValueError(f"{value!r} is or holds a number that is not finite") from None
+    return value
+
+
+Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable), AfterValidator(_file_name)]
+Line = Annotated[str, Field(max_length=300), AfterValidator(_printable)]
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
+Positive = Annotated[int, Field(gt=0, lt=2**53)]
+Bounded = Annotated[float, Field(ge=-1e12, le=1e12)]
+Amount = Annotated[float, Field(ge=0)]
+Json = Annotated[JsonValue, AfterValidator(_finite)]
+Curve = Annotated[tuple[Bounded, ...], Field(min_length=metrics.BINS, max_length=metrics.BINS, strict=False)]
+
+
+class TaskSpec(Data):
+    """A task as it was when the run was made."""
+
+    name: Name
+    env_id: Line
+    budget: Positive
+    domain: Line
+    arguments: dict[Line, bool | Whole | float | Line] = Field(default_factory=dict)
+    score_range: Annotated[tuple[Bounded, Bounded], Field(strict=False)] = (0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _range_is_one(self) -> Self:
+        low, high = self.score_range
+        if low >= high:
+            raise ValueError(f"score_range is [{low:g}, {high:g}]; the first must be less than the second")
+        return self
+
+    @classmethod
+    def of(cls, task: Task) -> Self:
+        """Return the written form of a row of the task table."""
+        return cls(
+            name=task.name,
+            env_id=task.env_id,
+            budget=task.budget,
+            domain=task.domain,
+            arguments=dict(task.arguments),
+            score_range=task.score_range,
+        )
+
+
+def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
+    """Return 16 hexadecimal digits that follow from the names and values alone, whatever their order."""
+    text = json.dumps(hyperparameters, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class RunSpec(Data):
+    """A run as a value: all that its scores follow from, apart from the code and its versions."""
+
+    suite: Name
+    suite_version: Count
+    task: TaskSpec
+    agent: Name
+    source: Line = Field(description='Entry point or "package.module:attribute"; empty for a recorded script.')
+    privileged: bool
+    hyperparameters: dict[Line, Json]
+    hyperparameters_hash: Line
+    seed: Count
+    num_envs: Positive
+    device: Line = "cpu"
+    torch_threads: Positive = 1
+
+    @model_validator(mode="after")
+    def _hash_agrees(self) -> Self:
+        if self.hyperparameters_hash != hyperparameters_hash(self.hyperparameters):
+            raise ValueError("hyperparameters_hash does not follow from hyperparameters")
+        return self
+
+    @classmethod
+    def of(cls, suite: Suite, task: Task, *, hyperparameters: Mapping[str, Any], **rest: Any) -> Self:
+        """Return the spec of a run of one task of a suite; `rest` are the other fields."""
+        return cls(
+            suite=suite.name,
+            suite_version=suite.version,
+            task=TaskSpec.of(task),
+            hyperparameters=dict(hyperparameters),
+            hyperparameters_hash=hyperparameters_hash(hyperparameters),
+            **rest,
+        )
+
+    def path(self, root: Path) -> Path:
+        """Return the folder of this run under `root`."""
+        return root / self.suite / self.task.name / self.agent / f"seed-{self.seed}"
+
+
+class Scores(Data):
+    """What a run's two curves come to; a function of them."""
+
+    auc: Bounded
+    final: Bounded
+    success_auc: Bounded
+    success_final: Bounded
+    steps_to_threshold: Count | None = Field(description="Environment steps; null where it was never reached.")
+
+    @classmethod
+    def of(cls, task: TaskSpec, return_curve: Sequence[float], success_curve: Sequence[float]) -> Self:
+        """Compute the scores of a run of `task`."""
+        returns, success = np.asarray(return_curve), np.asarray(success_curve)
+        return cls(
+            auc=metrics.auc(returns),
+            final=metrics.final(returns),
+            success_auc=metrics.auc(success),
+            success_final=metrics.final(success),
+            steps_to_threshold=metrics.steps_to_threshold(returns, task.budget, task.score_range),
+        )
+
+
+class Totals(Data):
+    """Counts over the whole run, up to the budget."""
+
+    env_steps: Count
+    episodes: Count
+    successes: Count
+    mean_return: Bounded = Field(description="Over all scored episodes; 0 where there is none.")
+    mean_length: Amount = Field(description="In environment steps; 0 where there is none.")
+
+
+class Hardware(Data):
+    """The machine; no score depends on it on a CPU."""
+
+    cpu: Line
+    cores: Count
+    memory_gib: Amount
+    gpu: Line | None = None
+
+
+class RunRecord(Data):
+    """One run: what it was, what came of it, and what it ran on."""
+
+    schema_version: Literal[1] = 1
+    spec: RunSpec
+    status: Literal["complete", "incomplete"]
+    return_curve: Curve
+    success_curve: Curve
+    scores: Scores
+    totals: Totals
+    fingerprint: Line = Field(description="Of the environment: a golden trajectory's hash.")
+    versions: dict[Line, Line]
+    git_commit: Line | None
+    hardware: Hardware
+    wall_time_s: Amount
+    peak_memory_mib: Amount
+
+    @model_validator(mode="after")
+    def _scores_follow(self) -> Self:
+        check_scores(self.spec.task, self.return_curve, self.success_curve, self.scores)
+        return self
+
+
+def check_scores(task: TaskSpec, return_curve: Sequence[float], success_curve: Sequence[float], scores: Scores) -> None:
+    """Check that the curves are possible in this task and that the scores follow from them.
+
+    Raises:
+        ValueError: A bin lies outside of its range, or a score is not what its curve gives.
+    """
+    low, high = task.score_range
+    _check_range("return_curve", return_curve, min(low, 0.0), max(high, 0.0))
+    _check_range("success_curve", success_curve, 0.0, 1.0)
+    for name, expected in Scores.of(task, return_curve, success_curve):
+        if getattr(scores, name) != expected:
+            raise ValueError(f"scores.{name} is {getattr(scores, name)} but its curve gives {expected}")
+
+
+def _check_range(name: str, curve: Sequence[float], low: float, high: float) -> None:
+    """Refuse a bin that no episodes could have given; 0 is what stands before the first episode."""
+    slack = 1e-9 * (high - low)  # a mean may leave the range by the last bit
+    for number, value in enumerate(curve):
+        if not low - slack <= value <= high + slack:
+            raise ValueError(f"{name}[{number}] is {value}, outside of [{low:g}, {high:g}]")
+
+
+def find_records(root: Path) -> list[RunRecord]:
+    """Read all records below `root`, in the order of their paths.
+
+    Raises:
+        InvalidFileError: One of them is broken.
+        FileNotFoundError: There is no such folder.
+    """
+    if not root.exists():
+        raise FileNotFoundError(f"{root} does not exist.")
+    return [read(path, RunRecord) for path in sorted(root.rglob("record.json"))]
