@@ -11,6 +11,7 @@ import gymnasium
 __all__ = ["IDS", "register"]
 
 _GRID = "sprl_bench.envs.grid"
+_FETCH = "sprl_bench.envs.fetch"
 
 # id -> (entry point of the single environment, entry point of the batched engine)
 _TABLE: dict[str, tuple[str, str]] = {
@@ -18,6 +19,10 @@ _TABLE: dict[str, tuple[str, str]] = {
     "SPRL/FourRooms-11x11-v1": (f"{_GRID}.four_rooms:FourRooms11x11", f"{_GRID}.engine:FourRooms11x11Engine"),
     "SPRL/KeyDoors-7x7-v1": (f"{_GRID}.key_doors:KeyDoors7x7", f"{_GRID}.engine:KeyDoors7x7Engine"),
     "SPRL/KeyDoors-11x11-v1": (f"{_GRID}.key_doors:KeyDoors11x11", f"{_GRID}.engine:KeyDoors11x11Engine"),
+    "SPRL/FetchReachSparse-v1": (f"{_FETCH}.env:reach", f"{_FETCH}.engine:reach"),
+    "SPRL/FetchPushSparse-v1": (f"{_FETCH}.env:push", f"{_FETCH}.engine:push"),
+    "SPRL/FetchSlideSparse-v1": (f"{_FETCH}.env:slide", f"{_FETCH}.engine:slide"),
+    "SPRL/FetchPickAndPlaceSparse-v1": (f"{_FETCH}.env:pick_and_place", f"{_FETCH}.engine:pick_and_place"),
 }
 
 IDS: tuple[str, ...] = tuple(_TABLE)

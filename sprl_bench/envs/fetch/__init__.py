@@ -1,0 +1,1 @@
+"""The four sparse Fetch tasks: single environments on Gymnasium-Robotics, and a batched engine on MuJoCo's batch."""

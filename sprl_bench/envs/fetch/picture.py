@@ -1,0 +1,47 @@
+"""Pictures of a Fetch simulation, drawn from a copy: drawing never touches what is simulated."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from gymnasium.envs.mujoco.mujoco_rendering import MujocoRenderer
+from gymnasium_robotics.envs.fetch.fetch_env import DEFAULT_CAMERA_CONFIG
+from numpy.typing import NDArray
+
+from sprl_bench.envs.fetch.simulation import STATE
+
+__all__ = ["Picture"]
+
+_SIZE: Final = 480
+_GOAL_MARK: Final = "target0"
+
+
+class Picture:
+    """Draws states of one model, with a red ball at the goal.
+
+    Args:
+        model: The simulated model, which is copied.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self._model = copy.copy(model)
+        self._model.vis.global_.offwidth = self._model.vis.global_.offheight = _SIZE
+        self._data = mujoco.MjData(self._model)
+        self._renderer = MujocoRenderer(
+            self._model, self._data, default_cam_config=DEFAULT_CAMERA_CONFIG, width=_SIZE, height=_SIZE
+        )
+
+    def draw(self, row: NDArray[np.float64], goal: NDArray[np.float64], render_mode: str) -> Any:
+        """Return the picture of a saved state, uint8 [480, 480, 3], or show it in a window under ``"human"``."""
+        mujoco.mj_setState(self._model, self._data, row, STATE)
+        mark = self._model.site(_GOAL_MARK)
+        mark.pos[:] = goal - self._model.body(int(mark.bodyid[0])).pos
+        mujoco.mj_forward(self._model, self._data)
+        return self._renderer.render(render_mode)
+
+    def close(self) -> None:
+        """Close the window and release the graphics context."""
+        self._renderer.close()

@@ -1,0 +1,128 @@
+"""What a user may choose about a Fetch task, checked, and what follows from it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any, Final
+
+import numpy as np
+from gymnasium.spaces import Box
+from numpy.typing import NDArray
+
+from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
+
+__all__ = ["ACTION_SPACE", "ARGUMENTS", "REFERENCE_SUBSTEP", "Rules", "check_interface", "checked_actions", "refuse_unknown_arguments"]
+
+Actions = NDArray[np.float32]
+
+REFERENCE_SUBSTEP: Final = 20
+"""The substep count of the original tasks, with which the arm is settled and velocities are scaled."""
+
+ARGUMENTS: Final = ("substep", "action_noise", "terminate_on_goal", "observation", "render_mode")
+
+_OBSERVATIONS: Final = ("flat", "goal")
+_RENDER_MODES: Final = ("human", "rgb_array")
+_SUBSTEP_ELSEWHERE: Final = frozenset({"n_substeps", "num_substeps", "frame_skip", "frameskip", "action_repeat"})
+
+ACTION_SPACE: Final = Box(-1.0, 1.0, (4,), np.float32)
+
+_TIMESTEP: Final = 0.002  # seconds of a simulation step, in the models of all four tasks
+_SIMULATION_STEPS: Final = 1000  # of an episode: appendix A.4 keeps episode length x substep the same
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The arguments that change the decision process.
+
+    Attributes:
+        substep: Simulation steps for each action.
+        action_noise: Standard deviation of the Gaussian noise added to an action before it is clipped.
+        terminate_on_goal: Whether reaching the goal ends the episode.
+
+    Raises:
+        TypeError, ValueError: A value is not allowed.
+    """
+
+    substep: int = REFERENCE_SUBSTEP
+    action_noise: float = 0.0
+    terminate_on_goal: bool = True
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "substep", check_integer("substep", self.substep, 1, 500))
+        object.__setattr__(self, "action_noise", _checked_noise(self.action_noise))
+        if not isinstance(self.terminate_on_goal, bool | np.bool_):
+            raise TypeError(f"terminate_on_goal must be True or False, got {self.terminate_on_goal!r}.")
+        object.__setattr__(self, "terminate_on_goal", bool(self.terminate_on_goal))
+
+    @property
+    def horizon(self) -> int:
+        """Actions in a full episode: 1000 / substep, rounded as Python's ``round`` does (62.5 to 62, the even one)."""
+        return round(_SIMULATION_STEPS / self.substep)
+
+    @property
+    def metadata(self) -> dict[str, Any]:
+        """Return what Gymnasium wants to know about rendering; frames a second are actions a simulated second."""
+        return {"render_modes": list(_RENDER_MODES), "render_fps": round(1 / (self.substep * _TIMESTEP))}
+
+    def applied(self, actions: Actions, generators: list[np.random.Generator]) -> Actions:
+        """Return what the simulation gets: the actions [N, 4] with each generator's noise, clipped.
+
+        Without noise, nothing is drawn.
+        """
+        if self.action_noise == 0.0:
+            return np.clip(actions, -1.0, 1.0)
+        noise = np.stack([generator.standard_normal(4) for generator in generators]) * self.action_noise
+        return np.clip(actions + noise, -1.0, 1.0).astype(np.float32)
+
+
+def checked_actions(actions: Any, shape: tuple[int, ...]) -> Actions:
+    """Return actions as float32 of this shape.
+
+    Raises:
+        TypeError: They are not real numbers.
+        ValueError: They have another shape, or one is NaN or infinite (as float32).
+    """
+    given = np.asarray(actions)
+    if given.dtype.kind not in "fiub":
+        raise TypeError(f"action must be an array of real numbers, got {actions!r}.")
+    if given.shape != shape:
+        raise ValueError(f"action must have shape {shape}, got {given.shape}.")
+    with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, and is refused as such
+        cast = given.astype(np.float32)
+    if not np.isfinite(cast).all():
+        raise ValueError(f"action must be finite, got {given.tolist()}.")
+    return cast
+
+
+def check_interface(observation: object, render_mode: object) -> None:
+    """Refuse an unknown kind of observation or of rendering.
+
+    Raises:
+        ValueError: One of them is unknown.
+    """
+    check_choice("observation", observation, _OBSERVATIONS)
+    check_choice("render_mode", render_mode, [None, *_RENDER_MODES])
+
+
+def refuse_unknown_arguments(where: str, unknown: Mapping[str, Any], allowed: Iterable[str]) -> None:
+    """Refuse keyword arguments that ``where`` does not take; what others call ``substep`` is answered with that.
+
+    Raises:
+        TypeError: ``unknown`` is not empty.
+    """
+    for name, value in unknown.items():
+        if name in _SUBSTEP_ELSEWHERE:
+            raise TypeError(f"{where} takes no argument {name!r} (got {name}={value!r}). Did you mean 'substep'?")
+    refuse_unknown(where, unknown, allowed)
+
+
+def _checked_noise(value: Any) -> float:
+    allowed = "a finite number of at least 0"
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError(f"action_noise must be {allowed}, got {value!r} of type {type(value).__name__}.")
+    if not (math.isfinite(value) and value >= 0):
+        raise ValueError(f"action_noise must be {allowed}, got {value!r}.")
+    return float(value)

@@ -1,0 +1,121 @@
+"""The simulated arm of one Fetch task: Gymnasium-Robotics' own, with another number of substeps behind an action.
+
+The constructor is upstream's: the arm settles for 10 x 20 substeps, goals are sampled around where it settled, and
+velocities are scaled by 20 substeps. Only what happens between two observations depends on ``substep``, so the start
+state, the goals and the scale of an observation do not.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+from gymnasium_robotics.envs.fetch.pick_and_place import MujocoFetchPickAndPlaceEnv
+from gymnasium_robotics.envs.fetch.push import MujocoFetchPushEnv
+from gymnasium_robotics.envs.fetch.reach import MujocoFetchReachEnv
+from gymnasium_robotics.envs.fetch.slide import MujocoFetchSlideEnv
+from numpy.typing import NDArray
+
+from sprl_bench.envs.fetch.rules import REFERENCE_SUBSTEP
+from sprl_bench.envs.fetch.upstream import joint_utils
+
+__all__ = ["STATE", "WELDED_BODY", "Simulation", "new_simulation"]
+
+Observation = dict[str, NDArray[np.float64]]
+Row = NDArray[np.float64]
+
+STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
+"""The part of the state that is saved: all that a next step depends on, but for derived fields read before it."""
+
+WELDED_BODY: Final = "robot0:gripper_link"
+"""The body that the mocap pulls; an action is relative to where this body was last computed to be."""
+
+_DIVERGENCE: Final = [
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+]
+
+
+class Simulation:
+    """What is ours in the simulation of every task; mixed into upstream's classes.
+
+    Attributes:
+        substep: Simulation steps for each action.
+    """
+
+    substep: int = REFERENCE_SUBSTEP
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    goal: NDArray[np.float64]
+
+    def _initialize_simulation(self) -> None:
+        self._utils = joint_utils()
+        super()._initialize_simulation()  # type: ignore[misc]  # upstream's
+
+    def _mujoco_step(self, action: Any) -> None:
+        mujoco.mj_step(self.model, self.data, nstep=self.substep)
+
+    @property
+    def dt(self) -> float:
+        """Simulated seconds between two observations."""
+        return float(self.model.opt.timestep * self.substep)
+
+    @property
+    def has_diverged(self) -> bool:
+        """Whether a step since the last reset met a number that is not finite, or huge; MuJoCo then starts over."""
+        return bool(self.data.warning.number[_DIVERGENCE].any())
+
+    def save(self) -> dict[str, Row]:
+        """Return what ``load`` continues from exactly.
+
+        That includes where the welded body was last computed to be, which in PickAndPlace is one substep old.
+        """
+        row = np.empty(mujoco.mj_stateSize(self.model, STATE))
+        mujoco.mj_getState(self.model, self.data, row, STATE)
+        body = self.data.body(WELDED_BODY)
+        return {"row": row, "position": body.xpos.copy(), "orientation": body.xquat.copy(), "goal": self.goal.copy()}
+
+    def load(self, saved: dict[str, Row]) -> None:
+        """Continue from what ``save`` returned."""
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, saved["row"], STATE)
+        mujoco.mj_forward(self.model, self.data)
+        body = self.data.body(WELDED_BODY)
+        body.xpos[:], body.xquat[:] = saved["position"], saved["orientation"]
+        self.goal = saved["goal"].copy()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"substep": self.substep, "saved": self.save()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__()  # type: ignore[misc]  # as upstream's own unpickling does
+        self.substep = state["substep"]
+        self.load(state["saved"])
+
+
+class _Reach(Simulation, MujocoFetchReachEnv):  # type: ignore[misc]  # upstream is untyped
+    pass
+
+
+class _Push(Simulation, MujocoFetchPushEnv):  # type: ignore[misc]
+    pass
+
+
+class _Slide(Simulation, MujocoFetchSlideEnv):  # type: ignore[misc]
+    pass
+
+
+class _PickAndPlace(Simulation, MujocoFetchPickAndPlaceEnv):  # type: ignore[misc]
+    pass
+
+
+_CLASSES: Final = {"Reach": _Reach, "Push": _Push, "Slide": _Slide, "PickAndPlace": _PickAndPlace}
+
+
+def new_simulation(task: str, substep: int) -> Any:
+    """Return the settled simulation of a task: ``"Reach"``, ``"Push"``, ``"Slide"`` or ``"PickAndPlace"``."""
+    simulation = _CLASSES[task]()
+    simulation.substep = substep
+    return simulation
