@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
 from sprl_bench.envs.threads import Threads
 
-__all__ = ["BatchedEnv"]
+__all__ = ["ARGUMENTS", "BatchedEnv"]
 
 Array = NDArray[Any]
 Rows = NDArray[np.int64]
@@ -30,7 +30,7 @@ Mask = NDArray[np.bool_]
 
 _NEVER: Final = np.iinfo(np.int64).max
 _NO_THREADS: Final = Threads(1, grain=1)
-_ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
+ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
 
 
 class BatchedEnv(VectorEnv[Array, Array, Array]):
@@ -78,7 +78,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         copy: bool = True,
         **unknown: Any,
     ) -> None:
-        refuse_unknown(type(self).__name__, unknown, _ARGUMENTS)
+        refuse_unknown(type(self).__name__, unknown, ARGUMENTS)
         self.num_envs = check_integer("num_envs", num_envs, 1)
         self._mode = _autoreset_mode(autoreset_mode)
         self._limit = _time_limit(max_episode_steps)

@@ -78,8 +78,8 @@ class Rules:
         return np.clip(actions + noise, -1.0, 1.0).astype(np.float32)
 
 
-def checked_actions(actions: Any, shape: tuple[int, ...]) -> Actions:
-    """Return actions as float32 of this shape.
+def checked_actions(actions: Any, shape: tuple[int, ...], used: NDArray[np.bool_] | bool = True) -> Actions:
+    """Return actions as float32 of this shape; those that are not ``used``, bool [N], may be anything.
 
     Raises:
         TypeError: They are not real numbers.
@@ -92,7 +92,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> Actions:
         raise ValueError(f"action must have shape {shape}, got {given.shape}.")
     with np.errstate(over="ignore"):  # a float64 beyond float32 becomes infinite, and is refused as such
         cast = given.astype(np.float32)
-    if not np.isfinite(cast).all():
+    if not np.isfinite(cast[used]).all():
         raise ValueError(f"action must be finite, got {given.tolist()}.")
     return cast
 

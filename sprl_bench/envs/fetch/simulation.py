@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sprl_bench.envs.fetch.rules import REFERENCE_SUBSTEP
 from sprl_bench.envs.fetch.upstream import joint_utils
 
-__all__ = ["STATE", "WELDED_BODY", "Simulation", "new_simulation"]
+__all__ = ["DIVERGENCE", "STATE", "WELDED_BODY", "Simulation", "new_simulation"]
 
 Observation = dict[str, NDArray[np.float64]]
 Row = NDArray[np.float64]
@@ -31,7 +31,7 @@ STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 WELDED_BODY: Final = "robot0:gripper_link"
 """The body that the mocap pulls; an action is relative to where this body was last computed to be."""
 
-_DIVERGENCE: Final = [
+DIVERGENCE: Final = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
     int(mujoco.mjtWarning.mjWARN_BADQVEL),
     int(mujoco.mjtWarning.mjWARN_BADQACC),
@@ -65,7 +65,7 @@ class Simulation:
     @property
     def has_diverged(self) -> bool:
         """Whether a step since the last reset met a number that is not finite, or huge; MuJoCo then starts over."""
-        return bool(self.data.warning.number[_DIVERGENCE].any())
+        return bool(self.data.warning.number[DIVERGENCE].any())
 
     def save(self) -> dict[str, Row]:
         """Return what ``load`` continues from exactly.
