@@ -24,9 +24,25 @@ __all__ = [
     "find_holes",
     "select_tasks",
     "split_suites",
+    "version_differences",
 ]
 
 SHOWN_HOLES = 8
+SCORED_PACKAGES = (
+    "gymnasium",
+    "gymnasium-robotics",
+    "llvmlite",
+    "minigrid",
+    "mujoco",
+    "numba",
+    "numpy",
+    "scipy",
+    "sprl-bench",
+    "torch",
+)
+"""What our environments and agents compute with: another version of these may move a score."""
+NEVER_MIXED = ("mujoco",)
+"""Simulators that change numerically from release to release."""
 
 
 class IncomparableError(ValueError):
@@ -158,11 +174,14 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         _refuse_mixed(f"{where}: budget", of_task, lambda result: str(result.task.budget))
         _refuse_mixed(f"{where}: environment and arguments", of_task, lambda result: _environment(result.task))
         _refuse_mixed(f"{where}: environment fingerprint", of_task, lambda result: result.fingerprint)
+        for package, mixed in version_differences(of_task, NEVER_MIXED).items():
+            raise IncomparableError(f"{where}: version of {package} differs: {mixed}. Such results are not comparable.")
         for agent, runs in _grouped(of_task, lambda result: result.agent):
             _refuse_mixed(f"{where}, agent {agent}: hyperparameters", runs, lambda result: result.hyperparameters_hash)
             _refuse_mixed(f"{where}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
             _refuse_twice(where, runs)
-    return _version_notes(results) + _suite_notes(results)
+    notes = [f"Different versions of {package}: {text}." for package, text in version_differences(results).items()]
+    return notes + _suite_notes(results)
 
 
 def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tuple[str, list[Result]]]:
@@ -197,14 +216,18 @@ def _environment(task: TaskSpec) -> str:
     return f"{task.env_id}({arguments}) with returns in [{task.score_range[0]:g}, {task.score_range[1]:g}]"
 
 
-def _version_notes(results: Sequence[Result]) -> list[str]:
-    packages = sorted({package for result in results for package in result.versions})
+def version_differences(results: Sequence[Result], packages: Iterable[str] = SCORED_PACKAGES) -> dict[str, str]:
+    """Return, by package, which versions met which agents, where they are not the same for all that loaded it."""
+    found = {}
+    for package in packages:
+        loaded = [result for result in results if package in result.versions]
+        if text := differences(loaded, _version_of(package)):
+            found[package] = text
+    return found
 
-    def version(package: str) -> Callable[[Result], str]:
-        return lambda result: result.versions.get(package, "none")
 
-    mixed = {name: differences(results, version(name)) for name in packages}
-    return [f"Different versions of {name}: {text}." for name, text in mixed.items() if text]
+def _version_of(package: str) -> Callable[[Result], str]:
+    return lambda result: result.versions[package]
 
 
 def _suite_notes(results: Sequence[Result]) -> list[str]:
