@@ -26,7 +26,6 @@ from sprl_bench.tables import (
     interval_text,
     matrix,
     number,
-    select_tasks,
 )
 
 __all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons"]
@@ -96,6 +95,9 @@ def compare(
         raise ValueError(f"There is no finished run of suite {suite!r} to compare.")
     if agent is not None and agent not in names:
         raise ValueError(unknown("agent among these runs:", agent, names))
+    for task in tasks or ():
+        if task not in (allowed := [part.task.name for part in entries[0].tasks]):
+            raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
     wanted = [*planned, *(record.spec for record in mine)]
     return [
         _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
@@ -110,11 +112,13 @@ def _compare(
     results: Sequence[Result], entry: Entry, tasks: Sequence[str] | None, planned: Sequence[RunSpec]
 ) -> Comparison:
     theirs = entry.results()
-    chosen = select_tasks(results, tasks)
-    names = chosen if tasks is not None else [name for name in chosen if name in {run.task.name for run in results}]
+    run = {result.task.name for result in results}
+    names = [part.task.name for part in entry.tasks if part.task.name in (run if tasks is None else tasks)]
     ours = [result for result in results if result.task.name in names]
+    if not ours:
+        raise MissingRunsError(f"Agent {results[0].agent!r} has no finished run of a task of {entry.agent}'s entry.")
     notes = _check_sides(ours, [result for result in theirs if result.task.name in names])
-    if holes := find_holes(ours or results, planned, names):
+    if holes := find_holes(ours, planned, names):
         raise MissingRunsError(f"Suite {entry.suite!r}: {describe_holes(holes)}.")
     columns, reference = _columns(ours, names), _columns(theirs, names)
     if len(names) < len(entry.tasks):

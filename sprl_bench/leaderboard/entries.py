@@ -81,10 +81,24 @@ class TaskEntry(Data):
             raise ValueError(f"results has {len(self.seeds)} of at least {MINIMUM_SEEDS} seeds")
         for number, result in enumerate(self.results):
             try:
-                check_scores(self.task, result.return_curve, result.success_curve, result.scores)
+                self._check_result(result)
             except ValueError as error:
                 raise ValueError(f"results[{number}].{error}") from None
         return self
+
+    def _check_result(self, result: SeedResult) -> None:
+        low, high = self.task.score_range
+        _check_range("return_curve", result.return_curve, min(low, 0.0), max(high, 0.0))
+        _check_range("success_curve", result.success_curve, 0.0, 1.0)
+        check_scores(self.task, result.return_curve, result.success_curve, result.scores)
+
+
+def _check_range(name: str, curve: Sequence[float], low: float, high: float) -> None:
+    """Refuse a bin that no episodes could have given; 0 is what stands before the first episode."""
+    slack = 1e-9 * (high - low)  # a mean may leave the range by the last bit
+    for number, value in enumerate(curve):
+        if not low - slack <= value <= high + slack:
+            raise ValueError(f"{name}[{number}] is {value}, outside of [{low:g}, {high:g}]")
 
 
 class Entry(Data):

@@ -12,8 +12,8 @@ from sprl_bench.tables.results import (
     check_comparable,
     describe_holes,
     find_holes,
-    select_tasks,
     split_suites,
+    task_names,
     version_differences,
 )
 from sprl_bench.tables.table import (
@@ -52,9 +52,9 @@ __all__ = [
     "matrix",
     "number",
     "render",
-    "select_tasks",
     "split_suites",
     "tabulate",
     "tabulate_results",
+    "task_names",
     "version_differences",
 ]

@@ -77,10 +77,18 @@ def _rich(grids: Sequence[Grid], width: int | None) -> str:
 def _rich_table(grid: Grid) -> RichTable:
     table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
     for column, name in enumerate(grid.header):
-        table.add_column(Text(name), justify="left" if column == 0 else "right", no_wrap=column == 0)
+        table.add_column(
+            Text(_folded(name)), justify="left" if column == 0 else "right", no_wrap=column == 0, min_width=6
+        )
     for row in grid.rows:
         table.add_row(*(Text(text) for text in row))
     return table
+
+
+def _folded(name: str) -> str:
+    """Return a task's name on two lines, so that its column is as narrow as its numbers."""
+    front, dash, end = name.rpartition("-")
+    return f"{front}-\n{end}" if dash else name
 
 
 def _flat(text: str) -> str:

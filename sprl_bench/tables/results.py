@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
-from sprl_bench.suggestions import unknown
-from sprl_bench.tasks import SUITES
+from sprl_bench.tasks import CUSTOM, SUITES
 
 __all__ = [
     "Hole",
@@ -22,8 +21,8 @@ __all__ = [
     "check_comparable",
     "differences",
     "find_holes",
-    "select_tasks",
     "split_suites",
+    "task_names",
     "version_differences",
 ]
 
@@ -101,31 +100,19 @@ class Hole:
         return f"{self.task}/{self.agent}/seed-{self.seed}"
 
 
-def split_suites(results: Iterable[Result]) -> dict[str, list[Result]]:
-    """Return the results of each suite, by its name."""
-    suites: dict[str, list[Result]] = defaultdict(list)
+def split_suites(results: Iterable[Result]) -> list[list[Result]]:
+    """Return the results of each suite, and those of each task that belongs to none, in the order of their names."""
+    groups: dict[tuple[str, str], list[Result]] = defaultdict(list)
     for result in results:
-        suites[result.suite].append(result)
-    return dict(sorted(suites.items()))
+        groups[result.suite, result.task.name if result.suite == CUSTOM.name else ""].append(result)
+    return [group for _, group in sorted(groups.items())]
 
 
-def select_tasks(results: Sequence[Result], tasks: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the tasks that a table of these results has, in the suite's order.
-
-    Args:
-        results: Of one suite.
-        tasks: The names of those to show, or None for all tasks of the suite, run or not.
-
-    Raises:
-        ValueError: One of `tasks` is not in the suite.
-    """
+def task_names(results: Sequence[Result]) -> tuple[str, ...]:
+    """Return the tasks that these results of one suite should have, run or not, in the suite's order."""
     suite = SUITES.get(results[0].suite)
     known = [task.name for task in suite.tasks] if suite and suite.version == results[0].suite_version else []
-    everything = tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
-    for name in tasks or ():
-        if name not in everything:
-            raise ValueError(unknown(f"task of suite {results[0].suite!r}", name, everything))
-    return tuple(name for name in everything if tasks is None or name in tasks)
+    return tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
 
 
 def find_holes(results: Sequence[Result], planned: Iterable[RunSpec], tasks: Sequence[str]) -> list[Hole]:
@@ -234,7 +221,7 @@ def _suite_notes(results: Sequence[Result]) -> list[str]:
     """Say where the runs were not what the suite asks for."""
     suite = SUITES.get(results[0].suite)
     if suite is None:
-        return []
+        return [f"Suite {results[0].suite!r} is none of ours; not comparable with published scores."]
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}
