@@ -76,10 +76,9 @@ def _rich(grids: Sequence[Grid], width: int | None) -> str:
 
 def _rich_table(grid: Grid) -> RichTable:
     table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    for column, name in enumerate(grid.header):
-        table.add_column(
-            Text(_folded(name)), justify="left" if column == 0 else "right", no_wrap=column == 0, min_width=6
-        )
+    for column, name in enumerate(map(_folded, grid.header)):
+        narrowest = max(len(line) for line in name.split("\n"))
+        table.add_column(Text(name), justify="right" if column else "left", no_wrap=not column, min_width=narrowest)
     for row in grid.rows:
         table.add_row(*(Text(text) for text in row))
     return table

@@ -106,6 +106,9 @@ def tabulate(
     if not complete:
         raise MissingRunsError("There is no finished run to make a table of.")
     groups = split_suites(complete)
+    lost = sorted({spec.suite for spec in wanted} - {group[0].suite for group in groups})
+    if lost and not allow_missing:
+        raise MissingRunsError(f"No run is finished of suite {', '.join(lost)}.")
     names = {name for group in groups for name in task_names(group)}
     for task in tasks or ():
         if task not in names:
@@ -138,7 +141,8 @@ def tabulate_results(
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)
-    privileged = {run.agent: run.privileged for run in (*wanted, *shown)}
+    privileged = {spec.agent: spec.privileged for spec in wanted}
+    privileged |= {result.agent: result.privileged for result in shown}
     return Table(
         suite=results[0].suite,
         suite_version=results[0].suite_version,
