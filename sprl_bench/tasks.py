@@ -6,13 +6,13 @@ named, versioned tuple of tasks. Everything that a score depends on besides the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from sprl_bench.suggestions import unknown
 
-__all__ = ["SUITES", "Suite", "Task", "find_suite", "match_task"]
+__all__ = ["CUSTOM", "SUITES", "Suite", "Task", "find_suite", "match_task", "with_budget"]
 
 Argument = bool | int | float | str
 
@@ -78,6 +78,15 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
 )
 
 
+CUSTOM = Suite("custom", 0, ())
+"""Where runs belong that are of no suite's task: nothing there is comparable with a suite's scores."""
+
+
+def with_budget(task: Task, budget: int) -> Task:
+    """Return the task under another budget, which becomes part of its name."""
+    return replace(task, name=f"{task.name}-{budget}", budget=budget)
+
+
 def find_suite(name: str) -> Suite:
     """Return the suite of that name.
 
@@ -89,10 +98,23 @@ def find_suite(name: str) -> Suite:
     return SUITES[name]
 
 
-def match_task(env_id: str, arguments: Mapping[str, Argument]) -> tuple[Suite, Task] | None:
-    """Return the first suite and task with this environment and these arguments, or None where there is none."""
-    for suite in SUITES.values():
+def match_task(
+    env_id: str,
+    arguments: Mapping[str, Argument],
+    defaults: Mapping[str, Argument] = MappingProxyType({}),
+    suites: Iterable[Suite] = tuple(SUITES.values()),
+) -> tuple[Suite, Task] | None:
+    """Return the first suite and task with this environment and these arguments, or None where there is none.
+
+    Args:
+        env_id: The Gymnasium id.
+        arguments: What the environment was made with.
+        defaults: What it takes where an argument is not given; giving the default explicitly changes nothing.
+        suites: Where to look.
+    """
+    wanted = {**defaults, **arguments}
+    for suite in suites:
         for task in suite.tasks:
-            if task.env_id == env_id and dict(task.arguments) == dict(arguments):
+            if task.env_id == env_id and {**defaults, **task.arguments} == wanted:
                 return suite, task
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -42,10 +43,9 @@ class Threads:
             return
         bounds = [size * index // slices for index in range(slices + 1)]
         pool = self._started()
-        others: list[Future[None]] = [
-            pool.submit(function, start, stop, *arguments) for start, stop in zip(bounds[1:-1], bounds[2:], strict=True)
-        ]
-        function(bounds[0], bounds[1], *arguments)
+        (own_start, own_stop), *rest = itertools.pairwise(bounds)
+        others: list[Future[None]] = [pool.submit(function, start, stop, *arguments) for start, stop in rest]
+        function(own_start, own_stop, *arguments)
         for other in others:
             other.result()
 

@@ -209,14 +209,14 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             self._rewards.copy(),
             self._terminations.copy(),
             self._truncations.copy(),
-            {**finals, **self._infos(np.ones(self.num_envs, np.bool_))},
+            {**finals, **self._all_infos()},
         )
 
     def _same_step(self, ended: Mask) -> dict[str, Any]:
         """Restart at once what has ended, and return how it ended."""
-        rows = np.flatnonzero(ended)
-        if not len(rows):
+        if not ended.any():
             return {}
+        rows = np.flatnonzero(ended)
         final_obs = np.full(self.num_envs, None, dtype=object)
         for row, observation in zip(rows.tolist(), self._observations[rows], strict=True):
             final_obs[row] = observation
@@ -238,9 +238,17 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         """Return the information of the masked sub-environments, zero elsewhere, each with its mask."""
         infos: dict[str, Any] = {}
         for name, values in self._information().items():
-            infos[name] = values.copy()
-            infos[name][~mask] = 0
+            infos[name] = np.zeros_like(values)
+            infos[name][mask] = values[mask]
             infos[f"_{name}"] = mask.copy()
+        return infos
+
+    def _all_infos(self) -> dict[str, Any]:
+        """Return the information of all sub-environments."""
+        infos: dict[str, Any] = {}
+        for name, values in self._information().items():
+            infos[name] = values.copy()
+            infos[f"_{name}"] = np.ones(self.num_envs, np.bool_)
         return infos
 
     def _current_observations(self) -> Array:
@@ -251,8 +259,8 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             raise ResetNeeded("step() needs a reset() before it.")
         if self._mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
-                "step() needs a reset() of the sub-environments whose episode is over, "
-                f"{np.flatnonzero(self._ended).tolist()}: pass options={{'reset_mask': ...}} (autoreset_mode is 'Disabled')."
+                "With autoreset_mode='Disabled', step() needs a reset() of the sub-environments whose episode is "
+                f"over: {np.flatnonzero(self._ended).tolist()}; options={{'reset_mask': ...}} does it."
             )
 
     # Seeds and streams.
@@ -265,7 +273,9 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         if not isinstance(seeds, Sequence) or isinstance(seeds, str):
             raise TypeError(f"seed must be an int, a list of num_envs ints or None, or None, got {seed!r}.")
         if len(seeds) != self.num_envs:
-            raise ValueError(f"seed must have one entry for each of {self.num_envs} sub-environments, got {len(seeds)}.")
+            raise ValueError(
+                f"seed must have one entry for each of {self.num_envs} sub-environments, got {len(seeds)}."
+            )
         chosen = [seeds[row] for row in rows]
         for value in chosen:
             if value is not None and not (isinstance(value, int) and value >= 0):
@@ -288,13 +298,13 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._apply_seeds(np.arange(self.num_envs), [None] * self.num_envs)
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # a tuple, as SyncVectorEnv's
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
         """The seed of each sub-environment."""
         self._seed_all()
         return tuple(seed for seed in self._seeds if seed is not None)
 
     @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # a tuple, as SyncVectorEnv's
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
         """A generator for each sub-environment, in its present state. Drawing from it does not advance the stream."""
         self._seed_all()
         return tuple(self._generator(row) for row in range(self.num_envs))
@@ -369,7 +379,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         """Return an attribute of a copy of each sub-environment."""
         return self.call(name)
 
-    def set_attr(self, name: str, values: Any) -> None:
+    def set_attr(self, name: str, values: Any) -> None:  # noqa: ARG002
         """Refuse: sub-environments are rows of arrays, which ``set_state`` changes."""
         raise AttributeError(f"{type(self).__name__} has no sub-environments to set {name!r} on; see set_state().")
 
@@ -392,22 +402,22 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         if self.render_mode == "human":
             self.render()
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
         """End the threads and close the window, if there are any."""
         self._threads.close()
         if self._viewer is not None:
             self._viewer.close()
 
     @property
-    def spec(self) -> EnvSpec | None:  # type: ignore[override]  # make_vec sets it; here it is made serialisable
+    def spec(self) -> EnvSpec | None:  # make_vec sets it; here it is made serialisable
         """What made this engine; an enum among its arguments is kept as its string, so that it serialises."""
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        for name, value in spec.kwargs.items() if spec is not None else ():
-            if isinstance(value, AutoresetMode):
-                spec.kwargs[name] = value.value
+        if spec is not None:
+            plain = {name: value.value for name, value in spec.kwargs.items() if isinstance(value, AutoresetMode)}
+            spec.kwargs.update(plain)
         self._spec = spec
 
     def _checked_mask(self, options: dict[str, Any] | None) -> Mask:

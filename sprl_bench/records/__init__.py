@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from sprl_bench.records.files import Data, InvalidFileError, read, write, write_bytes
+from sprl_bench.records.files import Data, InvalidFileError, locate, read, write, write_bytes
 from sprl_bench.records.types import (
+    Count,
     Curve,
     Hardware,
+    Json,
+    Line,
     Name,
     RunRecord,
     RunSpec,
@@ -18,10 +21,13 @@ from sprl_bench.records.types import (
 )
 
 __all__ = [
+    "Count",
     "Curve",
     "Data",
     "Hardware",
     "InvalidFileError",
+    "Json",
+    "Line",
     "Name",
     "RunRecord",
     "RunSpec",
@@ -31,6 +37,7 @@ __all__ = [
     "check_scores",
     "find_records",
     "hyperparameters_hash",
+    "locate",
     "read",
     "write",
     "write_bytes",

@@ -19,7 +19,7 @@ from pydantic_core import ErrorDetails
 
 from sprl_bench.records.places import Place, find_duplicate, find_line
 
-__all__ = ["Data", "InvalidFileError", "read", "write", "write_bytes"]
+__all__ = ["Data", "InvalidFileError", "locate", "read", "write", "write_bytes"]
 
 SHOWN_LETTERS = 80
 OURS = "Value error, "
@@ -56,6 +56,11 @@ def read(path: Path, model: type[Model]) -> Model:
     if duplicate := find_duplicate(text):
         raise InvalidFileError(f"{path}:{find_line(text, duplicate)}: {_name(duplicate)}: this key is there twice")
     return data
+
+
+def locate(path: Path, place: Place) -> int:
+    """Return the line of a valid JSON file on which the value at `place`, or the innermost around it, begins."""
+    return find_line(path.read_text(encoding="utf-8"), place)
 
 
 def _describe(content: bytes, error: ValidationError) -> str:

@@ -1,8 +1,60 @@
-"""From records to what people read: tables with their intervals, in five formats."""
+"""From results to what people read: which may stand side by side, means with their intervals, five formats."""
 
 from __future__ import annotations
 
-from sprl_bench.tables.render import FORMATS, render
-from sprl_bench.tables.table import Cell, Estimate, Row, Table, tabulate, tabulate_results
+from sprl_bench.tables.grid import GRID_FORMATS, Grid, as_json, draw, number
+from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
+from sprl_bench.tables.results import (
+    Hole,
+    IncomparableError,
+    MissingRunsError,
+    Result,
+    check_comparable,
+    describe_holes,
+    find_holes,
+    split_suites,
+    task_names,
+    version_differences,
+)
+from sprl_bench.tables.table import (
+    BOOTSTRAP_SEED,
+    Cell,
+    Estimate,
+    Row,
+    Table,
+    estimate,
+    matrix,
+    tabulate,
+    tabulate_results,
+)
 
-__all__ = ["FORMATS", "Cell", "Estimate", "Row", "Table", "render", "tabulate", "tabulate_results"]
+__all__ = [
+    "BOOTSTRAP_SEED",
+    "FORMATS",
+    "GRID_FORMATS",
+    "PRIVILEGED",
+    "Cell",
+    "Estimate",
+    "Grid",
+    "Hole",
+    "IncomparableError",
+    "MissingRunsError",
+    "Result",
+    "Row",
+    "Table",
+    "as_json",
+    "check_comparable",
+    "describe_holes",
+    "draw",
+    "estimate",
+    "find_holes",
+    "interval_text",
+    "matrix",
+    "number",
+    "render",
+    "split_suites",
+    "tabulate",
+    "tabulate_results",
+    "task_names",
+    "version_differences",
+]

@@ -11,8 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
-from sprl_bench.suggestions import unknown
-from sprl_bench.tasks import SUITES
+from sprl_bench.tasks import CUSTOM, SUITES
 
 __all__ = [
     "Hole",
@@ -22,11 +21,27 @@ __all__ = [
     "check_comparable",
     "differences",
     "find_holes",
-    "select_tasks",
     "split_suites",
+    "task_names",
+    "version_differences",
 ]
 
 SHOWN_HOLES = 8
+SCORED_PACKAGES = (
+    "gymnasium",
+    "gymnasium-robotics",
+    "llvmlite",
+    "minigrid",
+    "mujoco",
+    "numba",
+    "numpy",
+    "scipy",
+    "sprl-bench",
+    "torch",
+)
+"""What our environments and agents compute with: another version of these may move a score."""
+NEVER_MIXED = ("mujoco",)
+"""Simulators that change numerically from release to release."""
 
 
 class IncomparableError(ValueError):
@@ -85,31 +100,19 @@ class Hole:
         return f"{self.task}/{self.agent}/seed-{self.seed}"
 
 
-def split_suites(results: Iterable[Result]) -> dict[str, list[Result]]:
-    """Return the results of each suite, by its name."""
-    suites: dict[str, list[Result]] = defaultdict(list)
+def split_suites(results: Iterable[Result]) -> list[list[Result]]:
+    """Return the results of each suite, and those of each task that belongs to none, in the order of their names."""
+    groups: dict[tuple[str, str], list[Result]] = defaultdict(list)
     for result in results:
-        suites[result.suite].append(result)
-    return dict(sorted(suites.items()))
+        groups[result.suite, result.task.name if result.suite == CUSTOM.name else ""].append(result)
+    return [group for _, group in sorted(groups.items())]
 
 
-def select_tasks(results: Sequence[Result], tasks: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the tasks that a table of these results has, in the suite's order.
-
-    Args:
-        results: Of one suite.
-        tasks: The names of those to show, or None for all tasks of the suite, run or not.
-
-    Raises:
-        ValueError: One of `tasks` is not in the suite.
-    """
+def task_names(results: Sequence[Result]) -> tuple[str, ...]:
+    """Return the tasks that these results of one suite should have, run or not, in the suite's order."""
     suite = SUITES.get(results[0].suite)
     known = [task.name for task in suite.tasks] if suite and suite.version == results[0].suite_version else []
-    everything = tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
-    for name in tasks or ():
-        if name not in everything:
-            raise ValueError(unknown(f"task of suite {results[0].suite!r}", name, everything))
-    return tuple(name for name in everything if tasks is None or name in tasks)
+    return tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
 
 
 def find_holes(results: Sequence[Result], planned: Iterable[RunSpec], tasks: Sequence[str]) -> list[Hole]:
@@ -158,11 +161,14 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         _refuse_mixed(f"{where}: budget", of_task, lambda result: str(result.task.budget))
         _refuse_mixed(f"{where}: environment and arguments", of_task, lambda result: _environment(result.task))
         _refuse_mixed(f"{where}: environment fingerprint", of_task, lambda result: result.fingerprint)
+        for package, mixed in version_differences(of_task, NEVER_MIXED).items():
+            raise IncomparableError(f"{where}: version of {package} differs: {mixed}. Such results are not comparable.")
         for agent, runs in _grouped(of_task, lambda result: result.agent):
             _refuse_mixed(f"{where}, agent {agent}: hyperparameters", runs, lambda result: result.hyperparameters_hash)
             _refuse_mixed(f"{where}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
             _refuse_twice(where, runs)
-    return _version_notes(results) + _suite_notes(results)
+    notes = [f"Different versions of {package}: {text}." for package, text in version_differences(results).items()]
+    return notes + _suite_notes(results)
 
 
 def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tuple[str, list[Result]]]:
@@ -197,21 +203,25 @@ def _environment(task: TaskSpec) -> str:
     return f"{task.env_id}({arguments}) with returns in [{task.score_range[0]:g}, {task.score_range[1]:g}]"
 
 
-def _version_notes(results: Sequence[Result]) -> list[str]:
-    packages = sorted({package for result in results for package in result.versions})
+def version_differences(results: Sequence[Result], packages: Iterable[str] = SCORED_PACKAGES) -> dict[str, str]:
+    """Return, by package, which versions met which agents, where they are not the same for all that loaded it."""
+    found = {}
+    for package in packages:
+        loaded = [result for result in results if package in result.versions]
+        if text := differences(loaded, _version_of(package)):
+            found[package] = text
+    return found
 
-    def version(package: str) -> Callable[[Result], str]:
-        return lambda result: result.versions.get(package, "none")
 
-    mixed = {name: differences(results, version(name)) for name in packages}
-    return [f"Different versions of {name}: {text}." for name, text in mixed.items() if text]
+def _version_of(package: str) -> Callable[[Result], str]:
+    return lambda result: result.versions[package]
 
 
 def _suite_notes(results: Sequence[Result]) -> list[str]:
     """Say where the runs were not what the suite asks for."""
     suite = SUITES.get(results[0].suite)
     if suite is None:
-        return []
+        return [f"Suite {results[0].suite!r} is none of ours; not comparable with published scores."]
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}

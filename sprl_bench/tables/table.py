@@ -6,13 +6,13 @@ byte, and another agent's row changes nothing in it.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
 from sprl_bench import metrics
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
+from sprl_bench.suggestions import unknown
 from sprl_bench.tables.results import (
     Hole,
     MissingRunsError,
@@ -20,8 +20,8 @@ from sprl_bench.tables.results import (
     check_comparable,
     describe_holes,
     find_holes,
-    select_tasks,
     split_suites,
+    task_names,
 )
 
 __all__ = ["BOOTSTRAP_SEED", "Cell", "Estimate", "Row", "Table", "tabulate", "tabulate_results"]
@@ -91,7 +91,7 @@ def tabulate(
 
     Args:
         records: Finished runs; incomplete ones count as missing.
-        tasks: The tasks to show, or None for all tasks of the suite.
+        tasks: The tasks to show, or None for all tasks of each suite.
         planned: Runs that were asked for: those without a record count as missing.
         allow_missing: Show what is there, and mark it, where runs are missing.
 
@@ -104,42 +104,55 @@ def tabulate(
     complete = [Result.of(record) for record in everything if record.status == "complete"]
     wanted = [*planned, *(record.spec for record in everything if record.status != "complete")]
     if not complete:
-        raise ValueError("There is no finished run to make a table of.")
+        raise MissingRunsError("There is no finished run to make a table of.")
+    groups = split_suites(complete)
+    lost = sorted({spec.suite for spec in wanted} - {group[0].suite for group in groups})
+    if lost and not allow_missing:
+        raise MissingRunsError(f"No run is finished of suite {', '.join(lost)}.")
+    names = {name for group in groups for name in task_names(group)}
+    for task in tasks or ():
+        if task not in names:
+            raise ValueError(unknown("task among these runs:", task, names))
+    chosen = names if tasks is None else set(tasks)
     return [
-        tabulate_results(results, tasks=tasks, planned=wanted, allow_missing=allow_missing)
-        for results in split_suites(complete).values()
+        tabulate_results(group, tasks=chosen, planned=wanted, allow_missing=allow_missing)
+        for group in groups
+        if chosen & set(task_names(group))
     ]
 
 
 def tabulate_results(
     results: Sequence[Result],
     *,
-    tasks: Sequence[str] | None = None,
+    tasks: Collection[str] | None = None,
     planned: Iterable[RunSpec] = (),
     allow_missing: bool = False,
 ) -> Table:
     """Return the table of one suite's results; see `tabulate`."""
-    names = select_tasks(results, tasks)
+    names = tuple(name for name in task_names(results) if tasks is None or name in tasks)
     shown = [result for result in results if result.task.name in names]
-    holes = find_holes(results, planned, names) if shown else []
     if not shown:
         raise MissingRunsError(f"Suite {results[0].suite!r} has no finished run of {', '.join(names)}.")
     notes = check_comparable(shown)
+    wanted = list(planned)
+    holes = find_holes(shown, wanted, names)
     if holes and not allow_missing:
         raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}.")
-    by_agent: dict[str, list[Result]] = defaultdict(list)
+    by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
-        by_agent[result.agent].append(result)
+        by_agent.setdefault(result.agent, []).append(result)
+    privileged = {spec.agent: spec.privileged for spec in wanted}
+    privileged |= {result.agent: result.privileged for result in shown}
     return Table(
         suite=results[0].suite,
         suite_version=results[0].suite_version,
         tasks=names,
-        rows=tuple(_row(agent, runs, names, holes) for agent, runs in sorted(by_agent.items())),
+        rows=tuple(_row(agent, privileged[agent], runs, names, holes) for agent, runs in sorted(by_agent.items())),
         notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
     )
 
 
-def _row(agent: str, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
+def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
     scores: dict[str, dict[int, Scores]] = {task: {} for task in tasks}
     for result in results:
         scores[result.task.name][result.seed] = result.scores
@@ -151,7 +164,7 @@ def _row(agent: str, results: Sequence[Result], tasks: Sequence[str], holes: Seq
     complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in scores.items()}
     return Row(
         agent=agent,
-        privileged=results[0].privileged,
+        privileged=privileged,
         seeds=seeds,
         cells=tuple(cells),
         auc=estimate(complete, "auc"),

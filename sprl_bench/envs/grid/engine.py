@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
@@ -13,6 +12,9 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.grid import dynamics
 from sprl_bench.envs.grid.encoding import AGENT, GOAL, NUM_ACTIONS, WALL
+from sprl_bench.envs.grid.env import GridEnv
+from sprl_bench.envs.grid.four_rooms import FourRooms7x7, FourRooms11x11
+from sprl_bench.envs.grid.key_doors import KeyDoors7x7, KeyDoors11x11
 from sprl_bench.envs.grid.streams import STREAM_LIMBS, seed_streams, to_generator
 from sprl_bench.envs.vector import Array, BatchedEnv, Rows
 
@@ -28,15 +30,16 @@ __all__ = [
 class GridEngine(BatchedEnv):
     """N grids stepped by kernels; the arguments are those of ``BatchedEnv``."""
 
-    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012
+    metadata = GridEnv.metadata
     grain = 2048
-    size: ClassVar[int]
-    _restart_kernel: ClassVar[Callable[..., None]]
+    single: ClassVar[type[GridEnv]]
+    restart_kernel: ClassVar[Callable[..., None]]
 
     def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
+        size = self.single.size
         super().__init__(
             num_envs,
-            single_observation_space=Box(0, 255, (self.size, self.size, 3), np.uint8),
+            single_observation_space=Box(0, 255, (size, size, 3), np.uint8),
             single_action_space=Discrete(NUM_ACTIONS),
             **arguments,
         )
@@ -51,9 +54,7 @@ class GridEngine(BatchedEnv):
         seed_streams(self._streams, rows, seeds)
 
     def _restart(self, rows: Rows) -> None:
-        type(self)._restart_kernel(
-            rows, self._observations, self._agents, self._beneath, self._carrying, self._streams
-        )
+        self.restart_kernel(rows, self._observations, self._agents, self._beneath, self._carrying, self._streams)
         self._is_success[rows] = False
 
     def _advance(self, actions: NDArray[np.int64]) -> None:
@@ -102,7 +103,7 @@ class GridEngine(BatchedEnv):
         walled = (cells[:, [0, -1]] == WALL).all() and (cells[:, :, [0, -1]] == WALL).all()
         if not walled or (cells > AGENT).any():
             raise ValueError("The state's 'observations' must be grids with a wall around them.")
-        inside = (x > 0) & (x < self.size - 1) & (y > 0) & (y < self.size - 1)
+        inside = (x > 0) & (x < self.single.size - 1) & (y > 0) & (y < self.single.size - 1)
         if not (inside & (direction >= 0) & (direction < 4)).all():
             raise ValueError("The state's 'agents' must be x and y inside the walls and a direction from 0 to 3.")
         if (cells[np.arange(self.num_envs), y, x] != AGENT).any() or (state["beneath"][:, 0] > GOAL).any():
@@ -116,54 +117,33 @@ class GridEngine(BatchedEnv):
             self._observations[row], self._beneath[row], bool(self._carrying[row]), int(self._elapsed[row])
         )
 
-    @abstractmethod
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        """Make a single environment, with this engine's render mode."""
+    def _single(self) -> GridEnv:
+        return self.single(render_mode=self.render_mode)
 
 
 class FourRooms7x7Engine(GridEngine):
     """N FourRooms with S = 7."""
 
-    size = 7
-    _restart_kernel = dynamics.restart_four_rooms
-
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        from sprl_bench.envs.grid.four_rooms import FourRooms7x7
-
-        return FourRooms7x7(render_mode=self.render_mode)
+    single = FourRooms7x7
+    restart_kernel = staticmethod(dynamics.restart_four_rooms)
 
 
 class FourRooms11x11Engine(GridEngine):
     """N FourRooms with S = 11."""
 
-    size = 11
-    _restart_kernel = dynamics.restart_four_rooms
-
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        from sprl_bench.envs.grid.four_rooms import FourRooms11x11
-
-        return FourRooms11x11(render_mode=self.render_mode)
+    single = FourRooms11x11
+    restart_kernel = staticmethod(dynamics.restart_four_rooms)
 
 
 class KeyDoors7x7Engine(GridEngine):
     """N KeyDoors with S = 7."""
 
-    size = 7
-    _restart_kernel = dynamics.restart_key_doors
-
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        from sprl_bench.envs.grid.key_doors import KeyDoors7x7
-
-        return KeyDoors7x7(render_mode=self.render_mode)
+    single = KeyDoors7x7
+    restart_kernel = staticmethod(dynamics.restart_key_doors)
 
 
 class KeyDoors11x11Engine(GridEngine):
     """N KeyDoors with S = 11."""
 
-    size = 11
-    _restart_kernel = dynamics.restart_key_doors
-
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        from sprl_bench.envs.grid.key_doors import KeyDoors11x11
-
-        return KeyDoors11x11(render_mode=self.render_mode)
+    single = KeyDoors11x11
+    restart_kernel = staticmethod(dynamics.restart_key_doors)

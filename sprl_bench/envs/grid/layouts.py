@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 __all__ = [
     "FOUR_ROOMS_DRAWS",
     "KEY_DOORS_DRAWS",
@@ -65,7 +68,7 @@ def pick_two(first_uniform: float, second_uniform: float, count: int) -> tuple[i
     return first, second + (second >= first)
 
 
-def four_rooms_layout(size: int, uniforms: Sequence[float]) -> FourRoomsLayout:
+def four_rooms_layout(size: int, uniforms: Sequence[float] | NDArray[np.float64]) -> FourRoomsLayout:
     """Decode ``FOUR_ROOMS_DRAWS`` draws for an odd ``size`` of at least 5.
 
     Each gap is uniform over its wall segment, the agent over all free cells (gaps included) and directions, the
@@ -82,9 +85,7 @@ def four_rooms_layout(size: int, uniforms: Sequence[float]) -> FourRoomsLayout:
     agent_x, agent_y = free_cell(agent, middle, gaps)
     goal_x, goal_y = free_cell(goal, middle, gaps)
     direction = pick(uniforms[5], 4)
-    return FourRoomsLayout(
-        gap_up, gap_down, gap_left, gap_right, agent_x, agent_y, direction, goal_x, goal_y
-    )
+    return FourRoomsLayout(gap_up, gap_down, gap_left, gap_right, agent_x, agent_y, direction, goal_x, goal_y)
 
 
 def free_cell(index: int, middle: int, gaps: tuple[tuple[int, int], ...]) -> tuple[int, int]:
@@ -97,7 +98,7 @@ def free_cell(index: int, middle: int, gaps: tuple[tuple[int, int], ...]) -> tup
     return (corner % 2) * middle + 1 + cell % room, (corner // 2) * middle + 1 + cell // room
 
 
-def key_doors_layout(size: int, uniforms: Sequence[float]) -> KeyDoorsLayout:
+def key_doors_layout(size: int, uniforms: Sequence[float] | NDArray[np.float64]) -> KeyDoorsLayout:
     """Decode ``KEY_DOORS_DRAWS`` draws for a ``size`` of at least 5.
 
     The wall's column is uniform in [2, size - 3], the door's row in [1, size - 2]; agent and key take distinct

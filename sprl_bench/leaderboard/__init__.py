@@ -1,0 +1,47 @@
+"""Leaderboards: one folder a suite, one file an agent, and everything shown is computed from those files."""
+
+from __future__ import annotations
+
+from sprl_bench.leaderboard.boards import (
+    add_entry,
+    board,
+    boards,
+    entry_path,
+    find_entries,
+    home,
+    read_entry,
+    schema,
+    validate,
+)
+from sprl_bench.leaderboard.comparing import (
+    COMPARISON_FORMATS,
+    Comparison,
+    Difference,
+    compare,
+    render_comparisons,
+)
+from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.leaderboard.making import check_suite, make_entry
+
+__all__ = [
+    "COMPARISON_FORMATS",
+    "MINIMUM_SEEDS",
+    "Comparison",
+    "Difference",
+    "Entry",
+    "SeedResult",
+    "TaskEntry",
+    "add_entry",
+    "board",
+    "boards",
+    "check_suite",
+    "compare",
+    "entry_path",
+    "find_entries",
+    "home",
+    "make_entry",
+    "read_entry",
+    "render_comparisons",
+    "schema",
+    "validate",
+]

@@ -1,0 +1,127 @@
+"""Boards: folders of entries, checked one by one and rendered byte for byte from what they hold."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.leaderboard.making import check_suite
+from sprl_bench.records import InvalidFileError, locate, read, write
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import Table, tabulate_results
+
+__all__ = ["add_entry", "board", "boards", "entry_path", "find_entries", "home", "read_entry", "schema", "validate"]
+
+SCHEMA = "schema.json"
+
+
+def home() -> Path:
+    """Return the folder of the published boards: the checkout's own, or the copy in an installed wheel."""
+    package = Path(__file__).parents[1]
+    checkout = package.parent / "leaderboards"
+    return checkout if (checkout / SCHEMA).exists() else package / "_leaderboards"
+
+
+def entry_path(folder: Path, suite: str, agent: str) -> Path:
+    """Return where an entry stands below the folder of all boards."""
+    return folder / suite / f"{agent}.json"
+
+
+def read_entry(path: Path) -> Entry:
+    """Read an entry and check all that can be checked: itself, its suite, and its place.
+
+    Raises:
+        InvalidFileError: Something is wrong; one line names the file, the line in it, and what.
+        FileNotFoundError: There is no such file.
+    """
+    entry = read(path, Entry)
+    try:
+        check_suite(entry)
+    except ValueError as error:
+        raise InvalidFileError(f"{path}:{_line(path, str(error))}: {error}") from None
+    place = entry_path(Path(), entry.suite, entry.agent)
+    if path.resolve().parts[-2:] != place.parts:
+        raise InvalidFileError(f"{path}:1: the entry of {entry.agent} on {entry.suite} belongs in {place}")
+    return entry
+
+
+def _line(path: Path, complaint: str) -> int:
+    place = complaint.partition(":")[0].split(".")
+    return locate(path, tuple(int(part) if part.isdecimal() else part for part in place))
+
+
+def find_entries(folder: Path) -> list[Entry]:
+    """Read all entries of one board.
+
+    Raises:
+        InvalidFileError: One of them is broken.
+        FileNotFoundError: There is no such folder.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder} is not a folder of leaderboard entries.")
+    return [read_entry(path) for path in sorted(folder.glob("*.json"))]
+
+
+def validate(paths: Iterable[Path]) -> list[str]:
+    """Return one line for each file that is not a valid entry; none where all are."""
+    complaints = []
+    for path in paths:
+        try:
+            read_entry(path)
+        except InvalidFileError as error:
+            complaints.append(str(error))
+        except OSError as error:
+            complaints.append(f"{path}: {error.strerror}")
+    return complaints
+
+
+def board(entries: Sequence[Entry]) -> Table:
+    """Return the table of one suite's entries, the highest mean AUC first.
+
+    Raises:
+        IncomparableError: They must not share a table.
+        ValueError: There is no entry.
+    """
+    if not entries:
+        raise ValueError("This board has no entry yet.")
+    table = tabulate_results([result for entry in entries for result in entry.results()])
+    rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
+    sources = [f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}" for entry in entries]
+    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
+
+
+def boards(folder: Path, suite: str | None = None) -> list[Table]:
+    """Return the boards below a folder, or that of one suite.
+
+    Raises:
+        ValueError: There is no entry, or no board of that name.
+        InvalidFileError: An entry is broken.
+    """
+    names = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+    if suite is not None and suite not in names:
+        raise ValueError(unknown("leaderboard", suite, names))
+    found = [find_entries(folder / name) for name in names if suite in (None, name)]
+    tables = [board(entries) for entries in found if entries]
+    if not tables:
+        raise ValueError(f"{folder} has no entry yet; make one with: sprl-bench leaderboard add")
+    return tables
+
+
+def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
+    """Write an entry below the folder of all boards and return its path.
+
+    Raises:
+        FileExistsError: There is one of that name, and `replace` is false.
+    """
+    path = entry_path(folder, entry.suite, entry.agent)
+    if path.exists() and not replace:
+        raise FileExistsError(f"{path} exists; replace it with --replace.")
+    write(path, entry)
+    return path
+
+
+def schema() -> str:
+    """Return the JSON schema of an entry, as `leaderboards/schema.json` holds it."""
+    return json.dumps(Entry.model_json_schema(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"

@@ -1,0 +1,215 @@
+"""A new method's runs against the entries of a board: the difference of mean AUC, paired by task."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sprl_bench import metrics
+from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.records import Data, RunRecord, RunSpec, Scores
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import (
+    BOOTSTRAP_SEED,
+    GRID_FORMATS,
+    PRIVILEGED,
+    Grid,
+    MissingRunsError,
+    Result,
+    as_json,
+    check_comparable,
+    describe_holes,
+    draw,
+    find_holes,
+    interval_text,
+    matrix,
+    number,
+)
+
+__all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons"]
+
+COMPARISON_FORMATS = (*GRID_FORMATS, "json")
+Columns = Mapping[str, Mapping[int, Scores]]
+
+
+class Difference(Data):
+    """Mean AUC of the runs, of the entry, and the first minus the second with its 95 % interval."""
+
+    task: str
+    runs: float
+    entry: float
+    difference: float
+    interval: metrics.Interval | None
+
+
+class Comparison(Data):
+    """One agent's runs against one entry."""
+
+    suite: str
+    suite_version: int
+    agent: str
+    privileged: bool
+    seeds: int
+    entry: str
+    entry_privileged: bool
+    entry_seeds: int
+    tasks: tuple[Difference, ...]
+    overall: Difference
+    notes: tuple[str, ...]
+
+
+def compare(
+    records: Iterable[RunRecord],
+    entries: Sequence[Entry],
+    *,
+    agent: str | None = None,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+) -> list[Comparison]:
+    """Compare runs with the entries of one board.
+
+    The tasks compared are those that the agent has runs of; its seeds must be the same on all of them. The two sides'
+    seeds are resampled independently, within each task.
+
+    Args:
+        records: Finished runs; incomplete ones count as missing.
+        entries: Of one suite.
+        agent: Whose runs to compare, or None for every agent's.
+        tasks: The tasks to compare, or None for all that the agent has runs of.
+        planned: Runs that were asked for: those without a record count as missing.
+
+    Raises:
+        MissingRunsError: Runs are missing.
+        IncomparableError: The two sides differ in environment, budget, fingerprint or the suite's version.
+        ValueError: There is no such agent or task, or nothing to compare.
+    """
+    if not entries:
+        raise ValueError("There is no entry to compare with.")
+    suite = entries[0].suite
+    mine = [record for record in records if record.spec.suite == suite]
+    complete = [Result.of(record) for record in mine if record.status == "complete"]
+    names = sorted({result.agent for result in complete})
+    if not names:
+        raise ValueError(f"There is no finished run of suite {suite!r} to compare.")
+    if agent is not None and agent not in names:
+        raise ValueError(unknown("agent among these runs:", agent, names))
+    for task in tasks or ():
+        if task not in (allowed := [part.task.name for part in entries[0].tasks]):
+            raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
+    wanted = [*planned, *(record.spec for record in mine)]
+    return [
+        _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
+        for name in names
+        if agent in (None, name)
+        for results in [[result for result in complete if result.agent == name]]
+        for entry in entries
+    ]
+
+
+def _compare(
+    results: Sequence[Result], entry: Entry, tasks: Sequence[str] | None, planned: Sequence[RunSpec]
+) -> Comparison:
+    theirs = entry.results()
+    run = {result.task.name for result in results}
+    names = [part.task.name for part in entry.tasks if part.task.name in (run if tasks is None else tasks)]
+    ours = [result for result in results if result.task.name in names]
+    if not ours:
+        raise MissingRunsError(f"Agent {results[0].agent!r} has no finished run of a task of {entry.agent}'s entry.")
+    notes = _check_sides(ours, [result for result in theirs if result.task.name in names])
+    if holes := find_holes(ours, planned, names):
+        raise MissingRunsError(f"Suite {entry.suite!r}: {describe_holes(holes)}.")
+    columns, reference = _columns(ours, names), _columns(theirs, names)
+    if len(names) < len(entry.tasks):
+        notes = [f"{len(names)} of the suite's {len(entry.tasks)} tasks are compared: {', '.join(names)}.", *notes]
+    return Comparison(
+        suite=entry.suite,
+        suite_version=entry.suite_version,
+        agent=results[0].agent,
+        privileged=results[0].privileged,
+        seeds=len(columns[names[0]]),
+        entry=entry.agent,
+        entry_privileged=entry.privileged,
+        entry_seeds=len(reference[names[0]]),
+        tasks=tuple(_difference(name, {name: columns[name]}, {name: reference[name]}) for name in names),
+        overall=_difference("all", columns, reference),
+        notes=tuple(notes),
+    )
+
+
+def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
+    """Check that two sides may be compared, though their agents may have the same name."""
+    return check_comparable(
+        [
+            *(replace(result, agent=f"{result.agent} of the runs") for result in ours),
+            *(replace(result, agent=f"{result.agent} of the board") for result in theirs),
+        ]
+    )
+
+
+def _columns(results: Sequence[Result], tasks: Sequence[str]) -> Columns:
+    return {task: {result.seed: result.scores for result in results if result.task.name == task} for task in tasks}
+
+
+def _difference(task: str, ours: Columns, theirs: Columns) -> Difference:
+    scores, reference = matrix(ours, "auc"), matrix(theirs, "auc")
+    runs, entry = float(metrics.mean(scores)), float(metrics.mean(reference))
+    return Difference(
+        task=task,
+        runs=runs,
+        entry=entry,
+        difference=runs - entry,
+        interval=metrics.difference_interval(scores, reference, np.random.default_rng(BOOTSTRAP_SEED)),
+    )
+
+
+def render_comparisons(comparisons: Sequence[Comparison], form: str = "md", *, width: int | None = None) -> str:
+    """Return comparisons as text that ends in a newline.
+
+    Args:
+        comparisons: One a pair of agent and entry.
+        form: One of `COMPARISON_FORMATS`.
+        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+
+    Raises:
+        ValueError: There is no such format.
+    """
+    if form not in COMPARISON_FORMATS:
+        raise ValueError(unknown("format", form, COMPARISON_FORMATS))
+    if form == "json":
+        return as_json(comparisons)
+    agents = dict.fromkeys(comparison.agent for comparison in comparisons)
+    return draw([_grid([one for one in comparisons if one.agent == agent]) for agent in agents], form, width=width)
+
+
+def _grid(comparisons: Sequence[Comparison]) -> Grid:
+    """Return the grid of one agent: a row an entry."""
+    first = comparisons[0]
+    marked = first.privileged or any(one.entry_privileged for one in comparisons)
+    return Grid(
+        title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seeds) minus each entry of "
+        f"suite {first.suite}, version {first.suite_version}",
+        header=["Entry", "Seeds", *(difference.task for difference in first.tasks), "Mean AUC"],
+        rows=[
+            [
+                _marked(one.entry, one.entry_privileged),
+                str(one.entry_seeds),
+                *(_text(difference) for difference in (*one.tasks, one.overall)),
+            ]
+            for one in comparisons
+        ],
+        footnotes=[
+            "Difference of mean AUC with its 95 % stratified-bootstrap interval, paired by task; more is better.",
+            *([PRIVILEGED] if marked else []),
+            *dict.fromkeys(note for one in comparisons for note in one.notes),
+        ],
+    )
+
+
+def _marked(agent: str, privileged: bool) -> str:
+    return agent + " †" * privileged
+
+
+def _text(difference: Difference) -> str:
+    return f"{number(difference.difference, '+')}\n{interval_text(difference.interval)}"

@@ -1,0 +1,150 @@
+"""What an entry of a leaderboard holds: every seed's scores and curves, never only a mean.
+
+An entry checks itself: its scores follow from its curves, its hash from its hyperparameters, it has at least five
+seeds and the same ones on all its tasks. Whether it is what its suite asks for is checked where boards are.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from sprl_bench.records import (
+    Count,
+    Curve,
+    Data,
+    Hardware,
+    Json,
+    Line,
+    Name,
+    Scores,
+    TaskSpec,
+    check_scores,
+    hyperparameters_hash,
+)
+from sprl_bench.tables import Result
+
+__all__ = ["MINIMUM_SEEDS", "Entry", "SeedResult", "TaskEntry"]
+
+MINIMUM_SEEDS = 5
+
+
+def _link(text: str) -> str:
+    if not re.fullmatch(r"https?://[^\s/]+\.[^\s]+", text):
+        raise ValueError(f"{text!r} is not a link; it begins with https:// and has no spaces")
+    return text
+
+
+def _words(text: str) -> str:
+    if not text or text != text.strip():
+        raise ValueError(f"{text!r} is empty or has spaces around it")
+    return text
+
+
+class SeedResult(Data):
+    """One run."""
+
+    seed: Count
+    device: Line
+    scores: Scores
+    return_curve: Curve
+    success_curve: Curve
+
+
+class TaskEntry(Data):
+    """All runs of one task: what they had in common, and each on its own."""
+
+    task: TaskSpec
+    source: Line = Field(description='Entry point or "package.module:attribute"; empty for a recorded script.')
+    hyperparameters: dict[Line, Json]
+    hyperparameters_hash: Line
+    num_envs: Annotated[int, Field(gt=0)]
+    torch_threads: Annotated[int, Field(gt=0)]
+    fingerprint: Line = Field(description="Of the environment: a golden trajectory's hash.")
+    results: tuple[SeedResult, ...]
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds, in ascending order."""
+        return tuple(result.seed for result in self.results)
+
+    @model_validator(mode="after")
+    def _holds_together(self) -> Self:
+        if self.hyperparameters_hash != hyperparameters_hash(self.hyperparameters):
+            raise ValueError("hyperparameters_hash does not follow from hyperparameters")
+        if list(self.seeds) != sorted(set(self.seeds)):
+            raise ValueError(f"results has the seeds {list(self.seeds)}; each once, in ascending order")
+        if len(self.seeds) < MINIMUM_SEEDS:
+            raise ValueError(f"results has {len(self.seeds)} of at least {MINIMUM_SEEDS} seeds")
+        for number, result in enumerate(self.results):
+            try:
+                self._check_result(result)
+            except ValueError as error:
+                raise ValueError(f"results[{number}].{error}") from None
+        return self
+
+    def _check_result(self, result: SeedResult) -> None:
+        low, high = self.task.score_range
+        _check_range("return_curve", result.return_curve, min(low, 0.0), max(high, 0.0))
+        _check_range("success_curve", result.success_curve, 0.0, 1.0)
+        check_scores(self.task, result.return_curve, result.success_curve, result.scores)
+
+
+def _check_range(name: str, curve: Sequence[float], low: float, high: float) -> None:
+    """Refuse a bin that no episodes could have given; 0 is what stands before the first episode."""
+    slack = 1e-9 * (high - low)  # a mean may leave the range by the last bit
+    for number, value in enumerate(curve):
+        if not low - slack <= value <= high + slack:
+            raise ValueError(f"{name}[{number}] is {value}, outside of [{low:g}, {high:g}]")
+
+
+class Entry(Data):
+    """One agent on one suite."""
+
+    schema_version: Literal[1] = 1
+    agent: Name
+    authors: Annotated[tuple[Annotated[Line, AfterValidator(_words)], ...], Field(min_length=1, max_length=1000)]
+    link: Annotated[Line, AfterValidator(_link)] = Field(description="A paper or the code.")
+    privileged: bool = Field(description="Whether the agent sees what an ordinary one does not.")
+    status: Literal["reported", "reproduced"] = Field(description="Reproduced: run again by someone else.")
+    suite: Name
+    suite_version: Count
+    tasks: Annotated[tuple[TaskEntry, ...], Field(min_length=1)]
+    versions: dict[Line, Line]
+    hardware: Annotated[tuple[Hardware, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _same_seeds_everywhere(self) -> Self:
+        names = [entry.task.name for entry in self.tasks]
+        for number, entry in enumerate(self.tasks):
+            if names.index(entry.task.name) != number:
+                raise ValueError(f"tasks[{number}].task.name is {entry.task.name!r} for a second time")
+            if entry.seeds != self.tasks[0].seeds:
+                raise ValueError(
+                    f"tasks[{number}].results has the seeds {list(entry.seeds)} and the first task "
+                    f"{list(self.tasks[0].seeds)}; all tasks need the same"
+                )
+        return self
+
+    def results(self) -> Sequence[Result]:
+        """Return one result a run, as tables take them."""
+        return [
+            Result(
+                suite=self.suite,
+                suite_version=self.suite_version,
+                task=entry.task,
+                agent=self.agent,
+                privileged=self.privileged,
+                seed=result.seed,
+                hyperparameters_hash=entry.hyperparameters_hash,
+                fingerprint=entry.fingerprint,
+                versions=self.versions,
+                return_curve=result.return_curve,
+                scores=result.scores,
+            )
+            for entry in self.tasks
+            for result in entry.results
+        ]

@@ -1,0 +1,93 @@
+"""What a run ran on: versions, git commit, hardware, memory."""
+
+from __future__ import annotations
+
+import functools
+import os
+import platform
+import re
+import resource
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import psutil
+
+from sprl_bench.records import Hardware
+
+__all__ = ["git_commit", "hardware", "peak_memory_mib", "versions"]
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, of the C library, and of every installed package that this process has loaded.
+
+    Whatever can move a number has been loaded when the run is over, so no list of such packages is needed.
+    """
+    loaded = {name.partition(".")[0] for name in sys.modules}
+    packages = {package for module in loaded for package in _packages_by_module().get(module, ())}
+    found = {package.lower().replace("_", "-"): metadata.version(package) for package in packages}
+    library = "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")
+    return {"python": platform.python_version(), "platform": library, **dict(sorted(found.items()))}
+
+
+@functools.cache
+def _packages_by_module() -> dict[str, list[str]]:
+    return dict(metadata.packages_distributions())
+
+
+@functools.cache
+def git_commit() -> str | None:
+    """Return the commit of the checkout that this code is from, "-dirty" behind it where files differ.
+
+    Returns:
+        None where the code is not under version control, as in an installed wheel.
+    """
+    here = Path(__file__)
+    if _git("ls-files", "--error-unmatch", here.name) is None:
+        return None
+    return _git("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+
+
+def _git(*arguments: str) -> str | None:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def hardware() -> Hardware:
+    """Return what the process runs on."""
+    return Hardware(
+        cpu=_cpu(),
+        cores=os.cpu_count() or 1,
+        memory_gib=round(psutil.virtual_memory().total / 2**30, 1),
+        gpu=_gpu(),
+    )
+
+
+def _cpu() -> str:
+    information = Path("/proc/cpuinfo")
+    named = (
+        re.search(r"^model name\s*:\s*(.+)$", information.read_text(), re.MULTILINE) if information.exists() else None
+    )
+    return named[1].strip() if named else platform.processor() or platform.machine()
+
+
+def _gpu() -> str | None:
+    """Return the name of the GPU if this process has used one."""
+    torch = sys.modules.get("torch")
+    if torch is None or not torch.cuda.is_initialized():
+        return None
+    return str(torch.cuda.get_device_name())
+
+
+def peak_memory_mib() -> float:
+    """Return the most memory that this process has had resident since it started, in MiB."""
+    status = Path("/proc/self/status")
+    peak = re.search(r"^VmHWM:\s*(\d+) kB$", status.read_text(), re.MULTILINE) if status.exists() else None
+    # getrusage would count the parent's peak as well in a process that was started by fork and exec.
+    kibibytes = int(peak[1]) if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(kibibytes / 1024, 1)

@@ -1,0 +1,175 @@
+"""How a suite is going, shown while it goes: live bars on a terminal, plain lines elsewhere.
+
+Both read the runs' folders and nothing else, so they look alike wherever the runs are worked on.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, TextIO
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from sprl_bench.records import RunSpec
+from sprl_bench.suite import Observer, Outcome, RunState, state_of
+
+__all__ = ["LiveProgress", "PlainProgress", "duration", "make_observer"]
+
+LIVE_S: Final = 1.0  # between two looks at the folders
+PLAIN_S: Final = 10.0
+
+
+def make_observer(stream: TextIO | None = None) -> Observer:
+    """Return live bars if `stream` (by default the standard error) is a terminal, and plain lines if not."""
+    stream = stream or sys.stderr
+    return LiveProgress(Console(file=stream)) if stream.isatty() else PlainProgress(stream)
+
+
+def duration(seconds: float | None) -> str:
+    """Return seconds as people say them: "42 s", "3 min 05 s", "2 h 10 min", and "?" where unknown."""
+    if seconds is None:
+        return "?"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+
+
+class _Overview:
+    """All runs of a suite taken together."""
+
+    def __init__(self, specs: Sequence[RunSpec], out: Path) -> None:
+        self._specs, self._out = specs, out
+        self.states: list[RunState] = []
+        self.look()
+
+    def look(self) -> None:
+        """Read the folders again; what is finished stays so."""
+        known = {state.spec.path(self._out): state for state in self.states if state.status == "finished"}
+        self.states = [known.get(spec.path(self._out)) or state_of(spec, self._out) for spec in self._specs]
+
+    @property
+    def running(self) -> list[RunState]:
+        return [state for state in self.states if state.status == "running"]
+
+    @property
+    def finished(self) -> int:
+        return sum(state.status == "finished" for state in self.states)
+
+    @property
+    def budget(self) -> int:
+        return sum(state.spec.task.budget for state in self.states)
+
+    @property
+    def env_steps(self) -> int:
+        return sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
+
+    @property
+    def steps_per_second(self) -> float:
+        return sum(state.steps_per_second for state in self.running)
+
+    @property
+    def seconds_left(self) -> float | None:
+        speed = self.steps_per_second
+        return (self.budget - self.env_steps) / speed if speed else None
+
+    def summary(self) -> str:
+        """Return one line."""
+        return (
+            f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps, "
+            f"{self.steps_per_second:,.0f} steps/s, {duration(self.seconds_left)} left"
+        )
+
+
+def _label(spec: RunSpec) -> str:
+    return f"{spec.agent} on {spec.task.name}, seed {spec.seed}"
+
+
+def _news(outcome: Outcome) -> str:
+    error = f": {outcome.error}" if outcome.error else ""
+    return f"{outcome.status}: {_label(outcome.spec)}{error}"
+
+
+class PlainProgress(Observer):
+    """A line every ten seconds, and one for each run that ends."""
+
+    def __init__(self, stream: TextIO, every_s: float = PLAIN_S) -> None:
+        self._stream, self._every_s = stream, every_s
+        self._end = threading.Event()
+        self._thread = threading.Thread()
+
+    def started(self, specs: Sequence[RunSpec], out: Path) -> None:
+        """Begin to print."""
+        self._overview = _Overview(specs, out)
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def _work(self) -> None:
+        while not self._end.wait(self._every_s):
+            self._overview.look()
+            self._print(self._overview.summary())
+
+    def ended(self, outcome: Outcome) -> None:
+        """Print what became of a run."""
+        self._print(_news(outcome))
+
+    def closed(self) -> None:
+        """Print the last line."""
+        self._end.set()
+        self._thread.join()
+        self._overview.look()
+        self._print(self._overview.summary())
+
+    def _print(self, line: str) -> None:
+        print(line, file=self._stream, flush=True)
+
+
+class LiveProgress(Observer):
+    """One bar for the suite and a line for each run that is worked on; runs that ended stay above."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live = Live(console=console, get_renderable=self._picture, refresh_per_second=2, transient=True)
+        self._seen = 0.0
+
+    def started(self, specs: Sequence[RunSpec], out: Path) -> None:
+        """Begin to draw."""
+        self._overview = _Overview(specs, out)
+        self._live.start()
+
+    def ended(self, outcome: Outcome) -> None:
+        """Print what became of a run above the bars, unless it had been finished before."""
+        if outcome.status != "skipped":
+            self._console.print(Text(_news(outcome), style="red" if outcome.status == "failed" else "green"))
+
+    def closed(self) -> None:
+        """Replace the bars by their last line."""
+        self._live.stop()
+        self._overview.look()
+        self._console.print(self._overview.summary())
+
+    def _picture(self) -> RenderableType:
+        if time.monotonic() - self._seen > LIVE_S:
+            self._overview.look()
+            self._seen = time.monotonic()
+        overview = self._overview
+        runs = Table.grid(padding=(0, 2))
+        for state in overview.running:
+            runs.add_row(
+                Text(_label(state.spec)),
+                ProgressBar(total=state.spec.task.budget, completed=state.env_steps, width=24),
+                Text(f"{state.steps_per_second:,.0f} steps/s"),
+                Text(f"{duration(state.seconds_left)} left"),
+            )
+        whole = ProgressBar(total=overview.budget, completed=overview.env_steps)
+        return Group(runs, whole, Text(overview.summary()))

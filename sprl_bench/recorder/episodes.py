@@ -1,0 +1,176 @@
+"""The log of finished episodes: what every score is computed from.
+
+Environment steps are counted in the order in which they are taken: vector step by vector step, and within one by
+sub-environment. An episode's stamp is the number of its last step, so with N sub-environments that all step an episode
+that ends at vector step t (from 1) in sub-environment i has stamp (t - 1) N + i + 1. Calls that only reset are not
+counted, episodes that are reset before their end are dropped, and nothing beyond the budget is scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.error import ResetNeeded
+from gymnasium.vector import AutoresetMode
+
+__all__ = ["ALL", "EPISODE", "EpisodeLog"]
+
+EPISODE: Final = np.dtype(
+    [("stamp", np.int64), ("env", np.int32), ("return", np.float64), ("length", np.int32), ("success", np.bool_)]
+)
+"""One finished episode: stamp and length in environment steps, env the index of its sub-environment."""
+
+ALL: Final = slice(None)
+
+Mask = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+
+class EpisodeLog:
+    """Counts environment steps and logs each finished episode, for any number of sub-environments.
+
+    Returns are summed with a running compensation for what rounding loses, so they do not depend on the order or the
+    number of rewards, and never on what a wrapper above makes of the rewards.
+
+    Args:
+        num_envs: Number of sub-environments N.
+        budget: Environment steps after which nothing is logged any more.
+        autoreset: What a step does in a sub-environment whose episode is over. Under `DISABLED` it is an error.
+    """
+
+    def __init__(self, num_envs: int, budget: int, autoreset: AutoresetMode = AutoresetMode.SAME_STEP) -> None:
+        self.num_envs, self.budget, self.autoreset = num_envs, budget, autoreset
+        self.env_steps = 0
+        self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
+        self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
+        self._lengths = np.zeros(num_envs, np.int64)  # [N]
+        self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset; stays False under SAME_STEP
+        self._rows = np.empty(1024, EPISODE)
+        self._count = 0
+
+    @property
+    def complete(self) -> bool:
+        """Whether the budget is reached."""
+        return self.env_steps >= self.budget
+
+    @property
+    def episodes(self) -> npt.NDArray[Any]:
+        """All finished episodes within the budget, by stamp: [E] of `EPISODE`."""
+        rows = self._rows[: self._count]
+        return rows[rows["stamp"] <= self.budget].copy()
+
+    def step(
+        self,
+        rewards: Floats,
+        ended: Mask,
+        success: Mask,
+        envs: slice | Indices = ALL,
+    ) -> bool:
+        """Count one call of `step` and log the episodes that it ended; once the budget is reached, do nothing.
+
+        Args:
+            rewards: [K], as the environment gave them.
+            ended: [K], terminated or truncated.
+            success: [K], looked at where `ended`.
+            envs: Which K of the N sub-environments were stepped, in this order.
+
+        Returns:
+            Whether this call reached the budget.
+
+        Raises:
+            ResetNeeded: A step was taken after the end of an episode, where nothing resets by itself.
+        """
+        if self.complete:
+            return False
+        if self._over[envs].any():
+            stepped = self._without_resets(envs)
+            rewards, ended, success = rewards[stepped], ended[stepped], success[stepped]
+            envs = np.arange(self.num_envs)[envs][stepped]
+        self._lengths[envs] += 1
+        if rewards.any():
+            self._add(rewards, envs)
+        if ended.any():
+            self._log(np.flatnonzero(ended), success, envs)
+        self.env_steps += len(rewards)
+        return self.complete
+
+    def _without_resets(self, envs: slice | Indices) -> Mask:
+        """Return which of `envs` took a step rather than being reset by the call, and note that they all run now."""
+        if self.autoreset is not AutoresetMode.NEXT_STEP:
+            raise ResetNeeded("A recorded episode is over; reset its environment before the next step.")
+        stepped = ~self._over[envs]
+        self._over[envs] = False
+        return stepped
+
+    def _add(self, rewards: Floats, envs: slice | Indices) -> None:
+        """Add to the sums, and to what they lost: the exact error of a floating-point sum is itself a float."""
+        before = self._sums[envs]
+        after = before + rewards
+        part = after - before
+        self._lost[envs] += (before - (after - part)) + (rewards - part)
+        self._sums[envs] = after
+
+    def _log(self, places: Indices, success: Mask, envs: slice | Indices) -> None:
+        indices = np.arange(self.num_envs)[envs][places]
+        rows = self._room_for(len(places))
+        rows["stamp"] = self.env_steps + places + 1
+        rows["env"] = indices
+        rows["return"] = self._sums[indices] + self._lost[indices]
+        rows["length"] = self._lengths[indices]
+        rows["success"] = success[places]
+        if not np.isfinite(rows["return"]).all():
+            raise ValueError(f"An episode's return is {rows['return']}; rewards must be finite.")
+        self._count += len(places)
+        self._forget(indices)
+        self._over[indices] = self.autoreset is not AutoresetMode.SAME_STEP
+
+    def _room_for(self, count: int) -> npt.NDArray[Any]:
+        needed = self._count + count
+        if needed > len(self._rows):
+            grown = np.empty(max(needed, 2 * len(self._rows)), EPISODE)
+            grown[: self._count] = self._rows[: self._count]
+            self._rows = grown
+        return self._rows[self._count : needed]
+
+    def _forget(self, envs: slice | Indices | Mask) -> None:
+        self._sums[envs] = 0.0
+        self._lost[envs] = 0.0
+        self._lengths[envs] = 0
+
+    def reset(self, envs: slice | Indices | Mask = ALL) -> None:
+        """Drop the unfinished episodes of the sub-environments that were reset from outside; a mask [N] is fine."""
+        self._forget(envs)
+        self._over[envs] = False
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return everything that the log's future depends on."""
+        rows = self._rows[: self._count]
+        return {
+            "env_steps": self.env_steps,
+            "sums": self._sums.copy(),
+            "lost": self._lost.copy(),
+            "lengths": self._lengths.copy(),
+            "over": self._over.copy(),
+            "episodes": {name: rows[name].copy() for name in EPISODE.names or ()},
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state of a log with the same number of sub-environments.
+
+        Raises:
+            ValueError: That number differs.
+        """
+        if len(state["sums"]) != self.num_envs:
+            raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
+        self.env_steps = int(state["env_steps"])
+        self._sums, self._lost = np.array(state["sums"]), np.array(state["lost"])
+        self._lengths, self._over = np.array(state["lengths"]), np.array(state["over"])
+        columns = state["episodes"]
+        self._count = len(columns["stamp"])
+        self._rows = np.empty(max(1024, self._count), EPISODE)
+        for name in EPISODE.names or ():
+            self._rows[name][: self._count] = columns[name]

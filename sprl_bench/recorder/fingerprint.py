@@ -1,0 +1,72 @@
+"""The environment's fingerprint: the hash of a golden trajectory, so that revisions are never compared unawares."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import Space, spaces
+from gymnasium.vector import VectorEnv
+
+from sprl_bench.recorder.making import make_envs
+from sprl_bench.records import TaskSpec
+
+__all__ = ["fingerprint"]
+
+NUM_ENVS = 2
+STEPS = 200
+SEED = 20240  # of the trajectory's episodes and actions
+DECIMALS = 5  # simulators differ beyond from processor to processor
+
+
+def fingerprint(task: TaskSpec) -> str:
+    """Return 16 hexadecimal digits that follow from everything an agent can see in a short, fixed trajectory."""
+    return _fingerprint(task.env_id, json.dumps(task.arguments, sort_keys=True))
+
+
+@functools.cache
+def _fingerprint(env_id: str, arguments: str) -> str:
+    envs = make_envs(env_id, NUM_ENVS, json.loads(arguments))
+    try:
+        return _trajectory_hash(envs)
+    finally:
+        envs.close()
+
+
+def _trajectory_hash(envs: VectorEnv[Any, Any, Any]) -> str:
+    digest = hashlib.sha256()
+    generator = np.random.default_rng(SEED)
+    _take_in(digest, envs.reset(seed=SEED)[0])
+    for _ in range(STEPS):
+        *seen, infos = envs.step(_actions(envs.single_action_space, generator))
+        _take_in(digest, (*seen, infos.get("final_obs"), infos.get("is_success")))
+    return digest.hexdigest()[:16]
+
+
+def _actions(space: Space[Any], generator: np.random.Generator) -> Any:
+    if isinstance(space, spaces.Discrete):
+        return space.start + generator.integers(space.n, size=NUM_ENVS)
+    if isinstance(space, spaces.Box) and space.is_bounded():
+        return generator.uniform(space.low, space.high, (NUM_ENVS, *space.shape)).astype(space.dtype)
+    space.seed(int(generator.integers(2**31)))
+    return tuple(space.sample() for _ in range(NUM_ENVS))
+
+
+def _take_in(digest: Any, value: Any) -> None:
+    """Feed nested mappings and sequences of arrays into the hash, types and shapes included."""
+    if isinstance(value, Mapping):
+        for name in sorted(value):
+            digest.update(name.encode())
+            _take_in(digest, value[name])
+    elif isinstance(value, tuple) or (isinstance(value, np.ndarray) and value.dtype == object):
+        for part in value:
+            _take_in(digest, part)
+    elif value is not None:
+        array = np.asarray(value)
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        rounded = np.round(array, DECIMALS) + 0.0 if array.dtype.kind == "f" else array
+        digest.update(np.ascontiguousarray(rounded).tobytes())

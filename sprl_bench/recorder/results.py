@@ -1,0 +1,87 @@
+"""From a log of episodes to a run's record on disk."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sprl_bench import machine, metrics
+from sprl_bench.recorder.episodes import EPISODE, EpisodeLog
+from sprl_bench.recorder.fingerprint import fingerprint
+from sprl_bench.recorder.folder import EPISODES, RECORD
+from sprl_bench.records import RunRecord, RunSpec, Scores, Totals, write, write_bytes
+
+__all__ = ["write_result"]
+
+
+def write_result(
+    folder: Path,
+    spec: RunSpec,
+    log: EpisodeLog,
+    *,
+    wall_time_s: float,
+    peak_memory_mib: float = 0.0,
+    git_commit: str | None = None,
+) -> RunRecord:
+    """Write a run's episodes and then its record; the record is the sign that all is there.
+
+    Args:
+        folder: Where to.
+        spec: What it was a run of.
+        log: Its episodes; the record is incomplete if the budget is not reached.
+        wall_time_s: Seconds that it took, all its parts together.
+        peak_memory_mib: The most memory that its earlier parts used.
+        git_commit: Of its parts, where they differ; by default this checkout's.
+    """
+    record = _record(spec, log, wall_time_s, peak_memory_mib, git_commit)
+    write_bytes(folder / EPISODES, _parquet(log))
+    write(folder / RECORD, record)
+    return record
+
+
+def _record(
+    spec: RunSpec, log: EpisodeLog, wall_time_s: float, peak_memory_mib: float, git_commit: str | None
+) -> RunRecord:
+    episodes, task = log.episodes, spec.task
+    returns = tuple(metrics.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
+    success = tuple(metrics.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
+    status: Literal["complete", "incomplete"] = "complete" if log.complete else "incomplete"
+    return RunRecord(
+        spec=spec,
+        status=status,
+        return_curve=returns,
+        success_curve=success,
+        scores=Scores.of(task, returns, success),
+        totals=_totals(log),
+        fingerprint=fingerprint(task),
+        versions=machine.versions(),
+        git_commit=git_commit or machine.git_commit(),
+        hardware=machine.hardware(),
+        wall_time_s=round(wall_time_s, 3),
+        peak_memory_mib=max(peak_memory_mib, machine.peak_memory_mib()),
+    )
+
+
+def _totals(log: EpisodeLog) -> Totals:
+    episodes = log.episodes
+    return Totals(
+        env_steps=min(log.env_steps, log.budget),
+        episodes=len(episodes),
+        successes=int(episodes["success"].sum()),
+        mean_return=metrics.auc(episodes["return"]) if len(episodes) else 0.0,
+        mean_length=float(episodes["length"].mean()) if len(episodes) else 0.0,
+    )
+
+
+def _parquet(log: EpisodeLog) -> bytes:
+    import pyarrow  # noqa: PLC0415 - heavy, and needed once at the end
+    from pyarrow import parquet  # noqa: PLC0415
+
+    episodes = log.episodes
+    columns = {name: np.ascontiguousarray(episodes[name]) for name in EPISODE.names or ()}
+    buffer = io.BytesIO()
+    parquet.write_table(pyarrow.table(columns), buffer)
+    return buffer.getvalue()

@@ -1,0 +1,122 @@
+"""The recorder: sits directly on the environment, sees its true rewards, and passes everything through unchanged.
+
+Wrappers above it may do to rewards, observations and endings what they like; no score can follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, SupportsFloat
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+
+from sprl_bench.recorder.episodes import EpisodeLog
+
+__all__ = ["EnvRecorder", "VectorRecorder"]
+
+Mask = npt.NDArray[np.bool_]
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
+    """Records a vector environment.
+
+    Args:
+        env: A vector environment whose `metadata` names its autoreset mode.
+        budget: Environment steps after which nothing is recorded any more; steps go on as before.
+        on_complete: Called once, when the budget is reached.
+        on_close: Called when the environment is closed.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        budget: int,
+        on_complete: Callable[[], None] = _nothing,
+        on_close: Callable[[], None] = _nothing,
+    ) -> None:
+        super().__init__(env)
+        self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
+        self._on_complete, self._on_close = on_complete, on_close
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; unfinished episodes of what is reset are dropped."""
+        mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
+        envs = slice(None) if mask is None else np.array(mask, np.bool_)
+        observations, infos = self.env.reset(seed=seed, options=options)
+        self.episode_log.reset(envs)
+        return observations, infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step the environment and log the episodes that end."""
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        ended = np.logical_or(terminated, truncated)
+        if self.episode_log.step(np.asarray(rewards, np.float64), ended, self._success(infos, ended)):
+            self._on_complete()
+        return observations, rewards, terminated, truncated, infos
+
+    def _success(self, infos: Mapping[str, Any], ended: Mask) -> Mask:
+        """Return which of the episodes that just ended were successful: [N]."""
+        if not ended.any():
+            return ended
+        source = infos.get("final_info", infos) if self.episode_log.autoreset is AutoresetMode.SAME_STEP else infos
+        return np.asarray(source.get("is_success", np.zeros_like(ended))).astype(np.bool_)
+
+    def close(self, **kwargs: Any) -> None:
+        """Close the environment."""
+        self._on_close()
+        self.env.close(**kwargs)
+
+
+class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Records a single environment as one sub-environment of a log.
+
+    Args:
+        env: The environment.
+        log: What to write to.
+        index: Which sub-environment of that log this is.
+        on_complete: Called once, when the budget is reached.
+        on_close: Called when the environment is closed.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        log: EpisodeLog,
+        index: int = 0,
+        on_complete: Callable[[], None] = _nothing,
+        on_close: Callable[[], None] = _nothing,
+    ) -> None:
+        super().__init__(env)
+        self.episode_log, self._index = log, index
+        self._on_complete, self._on_close = on_complete, on_close
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment; an unfinished episode is dropped."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.episode_log.reset(self._here)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step the environment and log the episode if it ends."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        ended = np.array([terminated or truncated])
+        success = np.array([bool(info.get("is_success", False))])
+        if self.episode_log.step(np.array([float(reward)]), ended, success, self._here):
+            self._on_complete()
+        return observation, reward, terminated, truncated, info
+
+    @property
+    def _here(self) -> slice:
+        return slice(self._index, self._index + 1)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self._on_close()
+        self.env.close()

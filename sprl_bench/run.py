@@ -1,0 +1,311 @@
+"""One run, in this process: a spec in, a record out, and a checkpoint in between.
+
+The harness owns the clock, the budget and the files; the agent owns its loop and yields after each update. A run that
+was interrupted goes on from its last checkpoint and comes to exactly what it would have come to.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import FrameType
+from typing import Any, Self
+
+import numpy as np
+
+from sprl_bench import checkpoint, machine
+from sprl_bench.agents import Resumable, load_factory
+from sprl_bench.recorder import VectorRecorder, make_envs
+from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, lock, remove_leftovers
+from sprl_bench.recorder.results import write_result
+from sprl_bench.records import RunRecord, RunSpec, read, write
+
+__all__ = [
+    "CheckpointRefusedError",
+    "InterruptedRunError",
+    "SpecChangedError",
+    "differences",
+    "env_seed",
+    "find_finished",
+    "run",
+]
+
+logger = logging.getLogger("sprl_bench")
+
+
+class InterruptedRunError(RuntimeError):
+    """The run was asked to stop; starting it again goes on."""
+
+
+class SpecChangedError(ValueError):
+    """The folder holds a run of another spec under the same name."""
+
+
+class CheckpointRefusedError(ValueError):
+    """A whole checkpoint, but one from which this process would not go on exactly."""
+
+
+def run(
+    spec: RunSpec, out: Path, *, checkpoint_every_s: float = 60.0, stop: Callable[[], bool] = lambda: False
+) -> RunRecord:
+    """Train one agent with one seed on one task, and write the run's folder below `out`.
+
+    A finished run is returned as it stands; an interrupted one is continued, provided that the agent is `Resumable`
+    and the environments have `get_state` and `set_state`, and started over otherwise. SIGTERM and SIGINT let the
+    current update finish, write a checkpoint and raise; a second one acts at once.
+
+    Args:
+        spec: The run.
+        out: The root of all runs.
+        checkpoint_every_s: Seconds between two checkpoints; 0 for one after each update.
+        stop: Asked after each update whether to stop as on a signal.
+
+    Raises:
+        InterruptedRunError: The run was asked to stop.
+        SpecChangedError: The folder holds results of another spec.
+        CheckpointRefusedError: The checkpoint was made with other versions of what can move a number.
+        LockedError: Another process is at work on this run.
+    """
+    folder = spec.path(out)
+    with lock(folder):
+        if (record := find_finished(folder, spec)) is not None:
+            return record
+        remove_leftovers(folder)
+        write(folder / SPEC, spec)
+        with _Session(spec, folder) as session, _Signals() as signals:
+            _train(session, checkpoint_every_s, lambda: signals.received or stop())
+            return session.finish()
+
+
+def find_finished(folder: Path, spec: RunSpec) -> RunRecord | None:
+    """Return the complete record of `spec` in this folder, or None where there is none yet.
+
+    Raises:
+        SpecChangedError: There are results, but of another spec.
+        InvalidFileError: A file in the folder is broken.
+    """
+    if (folder / RECORD).exists():
+        record = read(folder / RECORD, RunRecord)
+        _refuse_changes(folder, record.spec, spec)
+        return record if record.status == "complete" else None
+    if (folder / CHECKPOINT).exists() and (folder / SPEC).exists():
+        _refuse_changes(folder, read(folder / SPEC, RunSpec), spec)
+    return None
+
+
+def _refuse_changes(folder: Path, on_disk: RunSpec, now: RunSpec) -> None:
+    if changed := differences(on_disk, now):
+        raise SpecChangedError(
+            f"{folder} holds a run of another spec: {'; '.join(changed)}. Use another --out, or remove that folder."
+        )
+
+
+def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
+    """Return a line for each field, hyperparameter or argument that differs, such as "seed: 0 on disk, 1 now"."""
+    old, new = _flat(on_disk.model_dump(mode="json")), _flat(now.model_dump(mode="json"))
+    names = [name for name in {**old, **new} if name != "hyperparameters_hash"]
+    return [
+        f"{name.removeprefix('hyperparameters.')}: {old.get(name, 'absent')!r} on disk, {new.get(name, 'absent')!r} now"
+        for name in names
+        if old.get(name, "absent") != new.get(name, "absent")
+    ]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in tree.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
+    return flat
+
+
+def env_seed(spec: RunSpec) -> int:
+    """Return the seed of the run's environments: 31 bits, independent from run to run and from task to task.
+
+    Sub-environment i is seeded with this plus i, so seeds that followed one another would share their streams.
+    """
+    task = int.from_bytes(hashlib.sha256(spec.task.name.encode()).digest()[:8], "little")
+    return int(np.random.SeedSequence([spec.seed, task]).generate_state(1)[0]) >> 1
+
+
+def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool]) -> None:
+    """Let the agent train until the budget is reached."""
+    last = time.monotonic()
+    for metrics in session.updates():
+        session.report(metrics)
+        if session.complete:
+            return
+        if stop():
+            session.save()
+            raise InterruptedRunError(f"Interrupted after {session.env_steps} env steps; the same command goes on.")
+        if time.monotonic() - last >= checkpoint_every_s:
+            session.save()
+            last = time.monotonic()
+    if not session.complete:
+        raise RuntimeError(
+            f"Agent {session.spec.agent!r} stopped after {session.env_steps} of {session.spec.task.budget} env steps."
+        )
+
+
+class _Session:
+    """A run while this process works on it: the agent, the recorded environments, the clock and the open files."""
+
+    def __init__(self, spec: RunSpec, folder: Path) -> None:
+        self.spec, self._folder = spec, folder
+        self._started = time.perf_counter()
+        self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
+        self._commits = [machine.git_commit()]
+        factory = load_factory(spec.source or spec.agent)
+        _set_up_process(spec)
+        self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
+        self._envs = VectorRecorder(
+            make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments), budget=spec.task.budget
+        )
+        self._metrics = (folder / METRICS).open("ab")
+
+    def __enter__(self) -> Self:
+        self._envs.reset(seed=env_seed(self.spec))
+        state = self._saved_state()
+        if state is None:
+            self._metrics.truncate(0)
+        else:
+            self._restore(state)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._metrics.close()
+        self._envs.close()
+
+    @property
+    def env_steps(self) -> int:
+        return self._envs.episode_log.env_steps
+
+    @property
+    def complete(self) -> bool:
+        return self._envs.episode_log.complete
+
+    @property
+    def _wall_time_s(self) -> float:
+        return self._earlier_s + time.perf_counter() - self._started
+
+    def updates(self) -> Iterator[Mapping[str, float]]:
+        """Return the agent's loop."""
+        return self._agent.train(self._envs, self.spec.task.budget)
+
+    def report(self, metrics: Mapping[str, float]) -> None:
+        """Append one line of diagnostics; a number that is not finite is written as null."""
+        numbers = {name: float(value) for name, value in metrics.items()}
+        finite = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
+        line = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3), **finite}
+        self._metrics.write(json.dumps(line).encode() + b"\n")
+        self._metrics.flush()
+
+    def save(self) -> None:
+        """Write a checkpoint, if this run can have one."""
+        if not self._resumable:
+            return
+        state = {
+            "spec": self.spec.model_dump_json(),
+            "versions": machine.versions(),
+            "git_commits": self._commits,
+            "wall_time_s": self._wall_time_s,
+            "peak_memory_mib": max(self._earlier_peak_mib, machine.peak_memory_mib()),
+            "metrics_bytes": self._metrics.tell(),
+            "log": self._envs.episode_log.state_dict(),
+            "envs": self._envs.unwrapped.get_state(),  # type: ignore[attr-defined] # checked by _resumable
+            "agent": self._agent.state_dict(),  # type: ignore[attr-defined] # checked by _resumable
+        }
+        checkpoint.save(self._folder / CHECKPOINT, state)
+
+    @property
+    def _resumable(self) -> bool:
+        envs = self._envs.unwrapped
+        return isinstance(self._agent, Resumable) and hasattr(envs, "get_state") and hasattr(envs, "set_state")
+
+    def _saved_state(self) -> dict[str, Any] | None:
+        """Return the state to go on from, or None to start from the beginning; the log says why."""
+        if not self._resumable:
+            logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
+            return None
+        try:
+            state = checkpoint.load(self._folder / CHECKPOINT)
+        except FileNotFoundError:
+            return None
+        except checkpoint.BrokenCheckpointError as error:
+            logger.warning("%s The run starts over.", error)
+            return None
+        self._refuse(state)
+        return state
+
+    def _refuse(self, state: Mapping[str, Any]) -> None:
+        path = self._folder / CHECKPOINT
+        if changed := differences(RunSpec.model_validate_json(state["spec"]), self.spec):
+            raise CheckpointRefusedError(f"{path} is of another run: {'; '.join(changed)}.")
+        now, then = machine.versions(), state["versions"]
+        other = [
+            f"{name} {then[name]} then, {now[name]} now" for name in then if now.get(name, then[name]) != then[name]
+        ]
+        if other:
+            raise CheckpointRefusedError(
+                f"{path} was made with {'; '.join(other)}: install what was there, or remove it to start over."
+            )
+
+    def _restore(self, state: Mapping[str, Any]) -> None:
+        self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
+        self._envs.episode_log.load_state_dict(state["log"])
+        self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
+        self._metrics.truncate(state["metrics_bytes"])
+        self._earlier_s, self._earlier_peak_mib = state["wall_time_s"], state["peak_memory_mib"]
+        self._commits = list(dict.fromkeys([*state["git_commits"], *self._commits]))
+        logger.info("%s goes on after %d env steps.", self._folder, self.env_steps)
+
+    def finish(self) -> RunRecord:
+        """Write the record, and remove what only an unfinished run needs."""
+        record = write_result(
+            self._folder,
+            self.spec,
+            self._envs.episode_log,
+            wall_time_s=self._wall_time_s,
+            peak_memory_mib=self._earlier_peak_mib,
+            git_commit=", ".join(commit for commit in self._commits if commit) or None,
+        )
+        for name in (CHECKPOINT, ERROR):
+            (self._folder / name).unlink(missing_ok=True)
+        return record
+
+
+def _set_up_process(spec: RunSpec) -> None:
+    """Set what belongs to the process, if the agent has loaded torch: threads, and denormal numbers counted as 0."""
+    torch = sys.modules.get("torch")
+    if torch is not None:
+        torch.set_num_threads(spec.torch_threads)
+        torch.set_flush_denormal(True)
+
+
+class _Signals:
+    """Turns the first SIGTERM or SIGINT into a request; the second one acts as it would have without."""
+
+    def __init__(self) -> None:
+        self.received = False
+        self._before: dict[signal.Signals, Any] = {}
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGTERM, signal.SIGINT):
+                self._before[number] = signal.signal(number, self._receive)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _receive(self, _number: int, _frame: FrameType | None) -> None:
+        self.received = True
+        self.__exit__()
