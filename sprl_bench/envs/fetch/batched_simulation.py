@@ -16,12 +16,19 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 from gymnasium_robotics.utils.rotations import mat2euler
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from sprl_bench.envs.fetch.rules import REFERENCE_SUBSTEP
 from sprl_bench.envs.fetch.simulation import DIVERGENCE, WELDED_BODY, new_simulation
 from sprl_bench.envs.fetch.starts import Starts
+
+try:
+    from mujoco.batch import Batch
+except ImportError as error:  # a MuJoCo before 3.17
+    raise ImportError(
+        f"The batched Fetch engine needs mujoco 3.17, got {mujoco.__version__}; "
+        "gymnasium.make_vec(..., vectorization_mode='sync') works without."
+    ) from error
 
 __all__ = ["BatchedSimulation"]
 

@@ -27,7 +27,17 @@ from sprl_bench.envs.fetch.rules import (
 )
 from sprl_bench.envs.fetch.simulation import Observation, new_simulation
 
-__all__ = ["FetchEnv", "FlatFetch", "GoalFetch", "is_reached", "make_single", "pick_and_place", "push", "reach", "slide"]
+__all__ = [
+    "FetchEnv",
+    "FlatFetch",
+    "GoalFetch",
+    "is_reached",
+    "make_single",
+    "pick_and_place",
+    "push",
+    "reach",
+    "slide",
+]
 
 
 def is_reached(achieved: NDArray[np.float64], desired: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
@@ -47,7 +57,7 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         render_mode: None, ``"rgb_array"`` or ``"human"``.
     """
 
-    metadata: dict[str, Any] = Rules().metadata  # noqa: RUF012 - Gymnasium's convention
+    metadata: dict[str, Any] = Rules().metadata
 
     def __init__(self, task: str, rules: Rules, render_mode: str | None) -> None:
         self.task = task
@@ -213,7 +223,9 @@ class GoalFetch(FetchEnv, GoalEnv):  # type: ignore[misc]  # upstream is untyped
     def __init__(self, task: str, rules: Rules, render_mode: str | None = None) -> None:
         super().__init__(task, rules, render_mode)
         spaces = self.simulation.observation_space.spaces
-        self.observation_space = Dict({name: Box(-np.inf, np.inf, box.shape, np.float64) for name, box in spaces.items()})
+        self.observation_space = Dict(
+            {name: Box(-np.inf, np.inf, box.shape, np.float64) for name, box in spaces.items()}
+        )
 
     def _shown(self, observation: Observation) -> Observation:
         return {name: values.copy() for name, values in observation.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from typing import Any, Final
 
 import mujoco
@@ -30,6 +31,7 @@ class Picture:
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth = self._model.vis.global_.offheight = _SIZE
         self._data = mujoco.MjData(self._model)
+        _prefer_egl_without_a_display()
         self._renderer = MujocoRenderer(
             self._model, self._data, default_cam_config=DEFAULT_CAMERA_CONFIG, width=_SIZE, height=_SIZE
         )
@@ -45,3 +47,9 @@ class Picture:
     def close(self) -> None:
         """Close the window and release the graphics context."""
         self._renderer.close()
+
+
+def _prefer_egl_without_a_display() -> None:
+    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        os.environ.setdefault("MUJOCO_GL", "egl")

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
 
-__all__ = ["ACTION_SPACE", "ARGUMENTS", "REFERENCE_SUBSTEP", "Rules", "check_interface", "checked_actions", "refuse_unknown_arguments"]
+__all__ = [
+    "ACTION_SPACE",
+    "ARGUMENTS",
+    "REFERENCE_SUBSTEP",
+    "Rules",
+    "check_interface",
+    "checked_actions",
+    "refuse_unknown_arguments",
+]
 
 Actions = NDArray[np.float32]
 

@@ -54,7 +54,7 @@ class Simulation:
         self._utils = joint_utils()
         super()._initialize_simulation()  # type: ignore[misc]  # upstream's
 
-    def _mujoco_step(self, action: Any) -> None:
+    def _mujoco_step(self, action: Any) -> None:  # noqa: ARG002 - upstream's hook
         mujoco.mj_step(self.model, self.data, nstep=self.substep)
 
     @property

@@ -49,9 +49,7 @@ def joint_utils() -> ModuleType:
 class _IntegerJoints:
     """The ``mujoco`` module, with joint types that equal NumPy integers on either side."""
 
-    mjtJoint = IntEnum(  # noqa: N815 - MuJoCo's name
-        "mjtJoint", {name: int(member) for name, member in mujoco.mjtJoint.__members__.items()}
-    )
+    mjtJoint = IntEnum("mjtJoint", {name: int(member) for name, member in mujoco.mjtJoint.__members__.items()})
 
     def __getattr__(self, name: str) -> Any:
         return getattr(mujoco, name)
