@@ -52,6 +52,13 @@ class EpisodeLog:
         self._rows = np.empty(1024, EPISODE)
         self._count = 0
 
+    def add_env(self) -> int:
+        """Make room for one more sub-environment, before the first step, and return its index."""
+        self.num_envs += 1
+        self._sums, self._lost = np.zeros(self.num_envs), np.zeros(self.num_envs)
+        self._lengths, self._over = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.bool_)
+        return self.num_envs - 1
+
     @property
     def complete(self) -> bool:
         """Whether the budget is reached."""
