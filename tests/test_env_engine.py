@@ -9,16 +9,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import SyncVectorEnv, VectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import sprl_bench.envs
+import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench import solver
 from sprl_bench.envs import IDS
 from sprl_bench.envs.grid.encoding import CLOSED, DONE, LOCKED, OPEN
-
-sprl_bench.envs.register()
 
 MODES = ("SameStep", "NextStep", "Disabled")
 LONG = int(os.environ.get("SPRL_LOCKSTEP_STEPS", "2000000"))
@@ -30,23 +29,7 @@ def synchronous(env_id: str, num_envs: int, mode: str, **arguments: Any) -> Sync
 
 def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
     """Compare type, dtype, shape and value, through tuples, dicts and arrays of objects."""
-    assert type(ours) is type(theirs), where
-    if isinstance(ours, dict):
-        assert ours.keys() == theirs.keys(), where
-        for key in ours:
-            assert_same(ours[key], theirs[key], f"{where}[{key!r}]")
-    elif isinstance(ours, tuple):
-        assert len(ours) == len(theirs), where
-        for index, (one, other) in enumerate(zip(ours, theirs, strict=True)):
-            assert_same(one, other, f"{where}[{index}]")
-    elif isinstance(ours, np.ndarray):
-        assert (ours.dtype, ours.shape) == (theirs.dtype, theirs.shape), where
-        if ours.dtype == object:
-            assert_same(tuple(ours), tuple(theirs), where)
-        else:
-            assert np.array_equal(ours, theirs), where
-    else:
-        assert ours == theirs, where
+    assert data_equivalence(ours, theirs, exact=True), where
 
 
 def policy(observations: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -105,7 +88,7 @@ def lock_step(
             happened["masked resets"] += 1
         if rng.random() < reset_rate:
             state = ours.get_state()
-            ours.step(rng.integers(7, size=num_envs)) if not (mode == "Disabled") else None
+            ours.step(rng.integers(7, size=num_envs)) if mode != "Disabled" else None
             ours = gymnasium.make_vec(env_id, num_envs, autoreset_mode=mode, **arguments)
             ours.set_state(state)
             happened["states moved"] += 1

@@ -9,11 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-import sprl_bench.envs
+import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, KEY, LOCKED, WALL, YELLOW
 from sprl_bench.envs.grid.layouts import pick, pick_two
-
-sprl_bench.envs.register()
 
 NUM_STARTS = 40_000
 P_VALUE = 1e-4  # seeds are fixed: a right implementation either always passes or never

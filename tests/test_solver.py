@@ -13,12 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import sprl_bench.envs
+import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench import solver
 from sprl_bench.envs import IDS
 from sprl_bench.envs.grid.encoding import AGENT, CLOSED, DONE, DOOR, EMPTY, GOAL, GREY, KEY, LOCKED, OPEN, WALL, YELLOW
-
-sprl_bench.envs.register()
 
 
 def explore(env: Any, depth: int) -> dict[bytes, tuple[int, np.ndarray]]:
