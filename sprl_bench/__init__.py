@@ -1,6 +1,7 @@
 """sprl-bench: the benchmark for sparse-reward reinforcement learning.
 
-Importing this package registers its environments with Gymnasium; everything else is loaded when it is first used.
+Importing this package registers its environments with Gymnasium; everything else is loaded when it is first used. What
+the command `sprl-bench` does is here too, a function each.
 """
 
 from __future__ import annotations
@@ -11,23 +12,65 @@ from typing import TYPE_CHECKING, Any
 from sprl_bench.envs import register
 
 if TYPE_CHECKING:
+    from sprl_bench.agents import agent_names
+    from sprl_bench.executors import make_executor
+    from sprl_bench.leaderboard import add_entry, boards, compare, make_entry, validate
+    from sprl_bench.plots import plot
     from sprl_bench.recorder import record, recording
+    from sprl_bench.records import RunRecord, RunSpec, find_records
+    from sprl_bench.suite import expand, run_suite, survey
+    from sprl_bench.tables import render, tabulate
+    from sprl_bench.tasks import SUITES, Suite, Task, find_suite
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "record", "recording"]
+__all__ = [
+    "SUITES",
+    "RunRecord",
+    "RunSpec",
+    "Suite",
+    "Task",
+    "add_entry",
+    "agent_names",
+    "boards",
+    "compare",
+    "expand",
+    "find_records",
+    "find_suite",
+    "make_entry",
+    "make_executor",
+    "plot",
+    "record",
+    "recording",
+    "render",
+    "run_suite",
+    "survey",
+    "tabulate",
+    "validate",
+]
 
-_HOMES = {"record": "sprl_bench.recorder", "recording": "sprl_bench.recorder"}
+_HOMES = {
+    "agents": ["agent_names"],
+    "executors": ["make_executor"],
+    "leaderboard": ["add_entry", "boards", "compare", "make_entry", "validate"],
+    "plots": ["plot"],
+    "recorder": ["record", "recording"],
+    "records": ["RunRecord", "RunSpec", "find_records"],
+    "suite": ["expand", "run_suite", "survey"],
+    "tables": ["render", "tabulate"],
+    "tasks": ["SUITES", "Suite", "Task", "find_suite"],
+}
+_HOME_OF = {name: f"sprl_bench.{home}" for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its home when it is first asked for."""
-    if name not in _HOMES:
+    if name not in _HOME_OF:
         raise AttributeError(f"module 'sprl_bench' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    return getattr(importlib.import_module(_HOME_OF[name]), name)
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOMES})
+    return sorted({*globals(), *__all__})
 
 
 register()

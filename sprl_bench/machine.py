@@ -26,6 +26,7 @@ def versions() -> dict[str, str]:
     """
     loaded = {name.partition(".")[0] for name in sys.modules}
     packages = {package for module in loaded for package in _packages_by_module().get(module, ())}
+    packages.add("sprl-bench")  # an editable install does not list its modules
     found = {package.lower().replace("_", "-"): metadata.version(package) for package in packages}
     library = "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")
     return {"python": platform.python_version(), "platform": library, **dict(sorted(found.items()))}

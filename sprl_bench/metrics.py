@@ -20,6 +20,7 @@ __all__ = [
     "auc",
     "bootstrap_interval",
     "curve",
+    "curve_band",
     "difference_interval",
     "final",
     "iqm",
@@ -138,6 +139,29 @@ def bootstrap_interval(
     if scores.shape[0] < 2:
         return None
     return _percentiles(statistic(_resample(scores, generator, resamples)), confidence)
+
+
+def curve_band(
+    curves: Array, generator: np.random.Generator, *, resamples: int = 2_000, confidence: float = 0.95
+) -> tuple[Array, Array] | None:
+    """Return a percentile interval of the mean curve, bin by bin, resampling whole runs.
+
+    Args:
+        curves: [S, B] for S seeds and B bins.
+        generator: The same generator state gives the same band.
+        resamples: The number of bootstrap samples.
+        confidence: The probability that each bin's interval aims to cover.
+
+    Returns:
+        The lower and the upper ends, each [B], or None for a single seed.
+    """
+    seeds = curves.shape[0]
+    if seeds < 2:
+        return None
+    means = curves[generator.integers(seeds, size=(resamples, seeds))].mean(axis=1)
+    tail = 100 * (1 - confidence) / 2
+    low, high = np.percentile(means, [tail, 100 - tail], axis=0)
+    return low, high
 
 
 def difference_interval(

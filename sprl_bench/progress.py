@@ -80,8 +80,8 @@ class _Overview:
 
     @property
     def seconds_left(self) -> float | None:
-        speed = self.steps_per_second
-        return (self.budget - self.env_steps) / speed if speed else None
+        steps, speed = self.budget - self.env_steps, self.steps_per_second
+        return steps / speed if speed else None if steps else 0.0
 
     def summary(self) -> str:
         """Return one line."""
@@ -139,12 +139,12 @@ class LiveProgress(Observer):
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._live = Live(console=console, get_renderable=self._picture, refresh_per_second=2, transient=True)
         self._seen = 0.0
 
     def started(self, specs: Sequence[RunSpec], out: Path) -> None:
         """Begin to draw."""
         self._overview = _Overview(specs, out)
+        self._live = Live(console=self._console, get_renderable=self._picture, refresh_per_second=2, transient=True)
         self._live.start()
 
     def ended(self, outcome: Outcome) -> None:

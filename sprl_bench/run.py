@@ -26,13 +26,12 @@ from sprl_bench.agents import Resumable, load_factory
 from sprl_bench.recorder import VectorRecorder, make_envs
 from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, lock, remove_leftovers
 from sprl_bench.recorder.results import write_result
-from sprl_bench.records import RunRecord, RunSpec, read, write
+from sprl_bench.records import RunRecord, RunSpec, differences, read, write
 
 __all__ = [
     "CheckpointRefusedError",
     "InterruptedRunError",
     "SpecChangedError",
-    "differences",
     "env_seed",
     "find_finished",
     "run",
@@ -106,24 +105,6 @@ def _refuse_changes(folder: Path, on_disk: RunSpec, now: RunSpec) -> None:
         raise SpecChangedError(
             f"{folder} holds a run of another spec: {'; '.join(changed)}. Use another --out, or remove that folder."
         )
-
-
-def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
-    """Return a line for each field, hyperparameter or argument that differs, such as "seed: 0 on disk, 1 now"."""
-    old, new = _flat(on_disk.model_dump(mode="json")), _flat(now.model_dump(mode="json"))
-    names = [name for name in {**old, **new} if name != "hyperparameters_hash"]
-    return [
-        f"{name.removeprefix('hyperparameters.')}: {old.get(name, 'absent')!r} on disk, {new.get(name, 'absent')!r} now"
-        for name in names
-        if old.get(name, "absent") != new.get(name, "absent")
-    ]
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for name, value in tree.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
-    return flat
 
 
 def env_seed(spec: RunSpec) -> int:

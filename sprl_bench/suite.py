@@ -31,8 +31,8 @@ from sprl_bench.recorder.folder import (
     LockedError,
     is_locked,
 )
-from sprl_bench.records import RunRecord, RunSpec, read, write, write_bytes
-from sprl_bench.run import InterruptedRunError, SpecChangedError, differences, find_finished, run
+from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
+from sprl_bench.run import InterruptedRunError, SpecChangedError, find_finished, run
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
 
 __all__ = ["Observer", "Outcome", "RunState", "expand", "run_suite", "state_of", "survey"]

@@ -91,3 +91,9 @@ def write_runs(tmp_path: Path) -> Callable[[list[RunRecord]], Path]:
         return root
 
     return write
+
+
+@pytest.fixture
+def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the test, and the worker processes that it starts, import the modules in tests/fakes."""
+    monkeypatch.syspath_prepend(Path(__file__).parent / "fakes")

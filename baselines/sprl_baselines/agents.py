@@ -46,6 +46,9 @@ class LearningAgent:
         """Train until `budget` env steps are taken, and yield metrics after each update.
 
         Starts anew from the seed, or goes on from a loaded state without resetting the envs.
+
+        Raises:
+            ValueError: The envs have another `num_envs` than the hyperparameters, or do not reset within a step.
         """
         self._start(envs)
         while self._steps < budget:
@@ -61,6 +64,10 @@ class LearningAgent:
         return {"bonus": float(bonus.mean()), **learner_metrics, **bonus_metrics}
 
     def _start(self, envs: Envs) -> None:
+        if envs.num_envs != self.config.num_envs:
+            raise ValueError(
+                f"The agent was made for num_envs={self.config.num_envs}; the vector env has {envs.num_envs}."
+            )
         spaces = envs.single_observation_space, envs.single_action_space
         learner_seed, bonus_seed = (int(seed) for seed in np.random.SeedSequence(self._seed).generate_state(2))
         self.learner = PPO(*spaces, self.config, learner_seed, self._device)

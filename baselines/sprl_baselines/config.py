@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from difflib import get_close_matches
 from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
+
+from sprl_bench.suggestions import unknown
 
 
 @dataclass(frozen=True)
 class Range:
-    """An interval of numbers; an end that is `open` is not part of it."""
+    """An interval of numbers, without its lower end if that is open."""
 
-    low: float = -math.inf
+    low: float
     high: float = math.inf
     open_low: bool = False
 
@@ -21,8 +23,8 @@ class Range:
         return (self.low < value if self.open_low else self.low <= value) and value <= self.high
 
     def __str__(self) -> str:
-        floor = f"above {self.low}" if self.open_low else f"at least {self.low}"
-        return floor if math.isinf(self.high) else f"{floor} and at most {self.high}"
+        floor = f"above {self.low:g}" if self.open_low else f"at least {self.low:g}"
+        return floor if math.isinf(self.high) else f"{floor} and at most {self.high:g}"
 
 
 class Choice(tuple[str, ...]):
@@ -70,26 +72,19 @@ def reject_unknown(kind: str, given: Mapping[str, Any], allowed: tuple[str, ...]
     """Raise `ValueError` for the first key of `given` that is not allowed, with the nearest allowed name."""
     for name in given:
         if name not in allowed:
-            raise ValueError(f"unknown {kind} {name!r}{suggestion(name, allowed)}")
-
-
-def suggestion(name: str, allowed: tuple[str, ...]) -> str:
-    """The end of an error message: the nearest allowed name, or all of them."""
-    near = get_close_matches(name, allowed, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; allowed: {', '.join(allowed)}"
+            raise ValueError(unknown(kind, name, allowed))
 
 
 def _checked(name: str, value: Any, annotation: Any) -> Any:
     """The value in its declared type, or a `ValueError` naming the hyperparameter, the value and what is allowed."""
     base, *rules = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
-    if base is float and isinstance(value, int) and not isinstance(value, bool):
+    if base is float and type(value) is int and abs(value) <= _LARGEST:
         value = float(value)
-    if type(value) is not base or (base is float and not math.isfinite(value)):
-        raise ValueError(f"hyperparameter {name}={value!r} must be a {_KINDS[base]}")
-    for rule in rules:
-        if value not in rule:
-            raise ValueError(f"hyperparameter {name}={value!r} must be {rule}")
+    sound = type(value) is base and (base is not float or math.isfinite(value))
+    if not (sound and all(value in rule for rule in rules)):
+        raise ValueError(f"Hyperparameter {name}={value!r} must be {', '.join((_KINDS[base], *map(str, rules)))}.")
     return value
 
 
-_KINDS = {int: "whole number", float: "finite number", bool: "truth value (true or false)", str: "text"}
+_LARGEST = sys.float_info.max
+_KINDS = {int: "a whole number", float: "a finite number", bool: "true or false", str: "text"}

@@ -29,6 +29,9 @@ class Distribution(Protocol):
     def entropy(self) -> Tensor:
         """Entropy in nats, `[B]`."""
 
+    def take(self, indices: Tensor) -> Distribution:
+        """The distributions at these indices, which may repeat."""
+
 
 @dataclass(frozen=True)
 class Categorical:
@@ -58,6 +61,10 @@ class Categorical:
         """Entropy in nats, `[B]`."""
         return -(self.log_probabilities.exp() * self.log_probabilities).sum(dim=-1)
 
+    def take(self, indices: Tensor) -> Categorical:
+        """The distributions at these indices."""
+        return Categorical(self.log_probabilities.index_select(0, indices))
+
 
 @dataclass(frozen=True)
 class DiagonalGaussian:
@@ -83,6 +90,10 @@ class DiagonalGaussian:
     def entropy(self) -> Tensor:
         """Entropy in nats, `[B]`."""
         return (self.log_std + 0.5 + _HALF_LOG_TWO_PI).sum().expand(len(self.mean))
+
+    def take(self, indices: Tensor) -> DiagonalGaussian:
+        """The distributions at these indices."""
+        return DiagonalGaussian(self.mean.index_select(0, indices), self.log_std)
 
 
 _HALF_LOG_TWO_PI = 0.5 * math.log(2 * math.pi)

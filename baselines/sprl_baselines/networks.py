@@ -89,7 +89,7 @@ def actor_critic(
             value_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
             features = mlp_units
         case _:
-            raise ValueError(f"no network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box")
+            raise ValueError(f"No network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box.")
     head = policy_head(features, action_space, generator)
     return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
 
@@ -138,7 +138,7 @@ def policy_head(features: int, action_space: spaces.Space[Any], generator: torch
         case spaces.Box(shape=(size,)):
             return GaussianHead(features, size, generator)
         case _:
-            raise ValueError(f"no policy for actions in {action_space}: need Discrete (from 0) or a flat Box")
+            raise ValueError(f"No policy for actions in {action_space}: need Discrete (from 0) or a flat Box.")
 
 
 # --------------------------------------------------------------------------------------------- trunks

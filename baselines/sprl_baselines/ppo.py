@@ -8,7 +8,7 @@ settings, except where a sweep decided (see the README of the baselines).
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import torch
@@ -17,6 +17,8 @@ from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.config import Choice, Config, Count, Positive, Share, Weight
+from sprl_baselines.distinct import distinct
+from sprl_baselines.distributions import Distribution
 from sprl_baselines.networks import GRID_ENCODINGS, actor_critic
 from sprl_baselines.returns import generalized_advantages, successor_values
 from sprl_baselines.rollout import Decision, Rollout
@@ -48,6 +50,14 @@ class PPOConfig(Config):
     )
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        samples = self.num_envs * self.rollout_length
+        if self.minibatches > samples:
+            raise ValueError(
+                f"Hyperparameter minibatches={self.minibatches} must be at most num_envs * rollout_length, {samples}."
+            )
 
 
 class PPO:
@@ -132,8 +142,10 @@ class PPO:
             gae_lambda=self.config.gae_lambda,
             bootstrap_on_truncation=self.config.bootstrap_on_truncation,
         )
+        observations, places = distinct(rollout.observations.flatten(0, 1))
         return Samples(
-            observations=rollout.observations.flatten(0, 1),
+            distinct_observations=observations,
+            places=places,
             actions=rollout.actions.flatten(0, 1),
             log_probs=rollout.log_probs.flatten(),
             values=rollout.values.flatten(),
@@ -154,15 +166,21 @@ class PPO:
         return torch.zeros(len(final_observations), device=final_observations.device)
 
     def _minibatches(self, samples: Samples) -> Iterator[Samples]:
-        """Go through all samples `epochs` times, each time in a new order and in `minibatches` parts."""
+        """Go through all samples `epochs` times, each time in a new order and in `minibatches` near-equal parts."""
         count = len(samples.returns)
         for _ in range(self.config.epochs):
             order = torch.randperm(count, generator=self._generator, device=self._generator.device)
-            for indices in order.chunk(self.config.minibatches):
+            for indices in order.tensor_split(self.config.minibatches):
                 yield samples.take(indices)
 
+    def _evaluate(self, batch: Samples) -> tuple[Distribution, Tensor]:
+        """The present policy and values `[B]` at a batch's observations, each distinct one computed once."""
+        needed, places = batch.places.unique(return_inverse=True)
+        distribution, values = self.network(batch.distinct_observations.index_select(0, needed))
+        return distribution.take(places), values.index_select(0, places)
+
     def _gradient_step(self, batch: Samples, clip_range: float) -> dict[str, Tensor]:
-        distribution, values = self.network(batch.observations)
+        distribution, values = self._evaluate(batch)
         losses = ppo_losses(
             distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
         )
@@ -196,7 +214,8 @@ class PPO:
 class Samples:
     """B transitions to learn from, in no order."""
 
-    observations: Tensor  # [B, ...]
+    distinct_observations: Tensor  # [D, ...] of the whole rollout
+    places: Tensor  # [B] of each sample's observation among them
     actions: Tensor  # [B] or [B, A]
     log_probs: Tensor  # [B] under the policy that acted
     values: Tensor  # [B] at the time of acting
@@ -205,7 +224,8 @@ class Samples:
 
     def take(self, indices: Tensor) -> Samples:
         """Return the samples at these indices."""
-        return Samples(*(getattr(self, name).index_select(0, indices) for name in self.__dataclass_fields__))
+        own = [getattr(self, field.name).index_select(0, indices) for field in fields(self)[1:]]
+        return Samples(self.distinct_observations, *own)
 
 
 def ppo_losses(

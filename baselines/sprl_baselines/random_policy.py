@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,16 @@ import numpy.typing as npt
 from gymnasium import Space, spaces
 from gymnasium.vector import VectorEnv
 
+from sprl_baselines.config import Config, Count, reject_unknown
+
 STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
+
+
+@dataclass(frozen=True)
+class RandomConfig(Config):
+    """Hyperparameters of the random agent."""
+
+    num_envs: Count = 12  # sub-envs that step together; the harness reads it
 
 
 class RandomAgent:
@@ -40,9 +50,31 @@ class RandomAgent:
         self._generator.bit_generator.state = state["generator"]
 
 
-def random(*, seed: int, device: str = "cpu", num_envs: int = 12) -> RandomAgent:  # noqa: ARG001 - read by the harness
-    """Make a random agent."""
-    return RandomAgent(seed)
+class RandomAgentFactory:
+    """Makes random agents."""
+
+    privileged = False
+
+    def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> RandomAgent:  # noqa: ARG002 - has no use for a device
+        """Make a random agent.
+
+        Raises:
+            ValueError: A hyperparameter is unknown or out of range.
+        """
+        self.hyperparameters("any", hyperparameters)
+        return RandomAgent(seed)
+
+    def hyperparameters(self, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002 - alike in all
+        """Return all hyperparameters, the same in every domain.
+
+        Raises:
+            ValueError: A hyperparameter is unknown or out of range.
+        """
+        reject_unknown("hyperparameter", overrides, RandomConfig.names())
+        return RandomConfig.pick(overrides).as_dict()
+
+
+random = RandomAgentFactory()
 
 
 def uniform_actions(space: Space[Any], count: int, generator: np.random.Generator) -> npt.NDArray[Any]:
@@ -55,4 +87,4 @@ def uniform_actions(space: Space[Any], count: int, generator: np.random.Generato
         return generator.integers(space.start, space.start + space.n, size=count, dtype=np.int64)
     if isinstance(space, spaces.Box) and space.is_bounded():
         return generator.uniform(space.low, space.high, size=(count, *space.shape)).astype(space.dtype)
-    raise ValueError(f"no uniform policy for actions in {space}: need Discrete or a bounded Box")
+    raise ValueError(f"No uniform policy for actions in {space}: need Discrete or a bounded Box.")

@@ -82,7 +82,7 @@ class Collector:
     def __init__(self, envs: VectorEnv[Any, Any, Any], length: int, device: torch.device) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f"the vector env has autoreset_mode={mode}, and agents need {AutoresetMode.SAME_STEP}")
+            raise ValueError(f"The vector env has autoreset_mode={mode}; agents need {AutoresetMode.SAME_STEP}.")
         self._envs, self._length, self._device = envs, length, device
         self._executable = _executable(envs.single_action_space)
         self._observations: Array = np.empty(0)  # [N, ...]
@@ -105,8 +105,9 @@ class Collector:
     def _step(self, decision: Decision, tape: _Tape) -> None:
         """Take one step in every sub-env, and put it on tape."""
         actions = self._executable(decision.actions.cpu().numpy())
+        seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
         following, rewards, terminated, truncated, infos = self._envs.step(actions)
-        tape.steps.append((self._observations, self._positions, rewards, terminated, truncated))
+        tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
         tape.decisions.append(decision)
         self._observations, self._positions = following, self._position(infos)
         ended = terminated | truncated

@@ -18,9 +18,12 @@ def check_integer(name: str, value: object, low: int, high: int | None = None) -
         ValueError: ``value`` is out of range.
     """
     allowed = f"an integer of at least {low}" if high is None else f"an integer from {low} to {high}"
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]  # the question is whether it has one
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool):
         raise TypeError(f"{name} must be {allowed}, got {value!r} of type {type(value).__name__}.")
-    number = operator.index(value)
     if number < low or (high is not None and number > high):
         raise ValueError(f"{name} must be {allowed}, got {value!r}.")
     return number

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, TypeVar
 
+from pydantic import ValidationError
+
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
 from sprl_bench.records import RunRecord, RunSpec, TaskSpec
+from sprl_bench.records.files import first_complaint
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
     IncomparableError,
@@ -55,21 +58,10 @@ def make_entry(
     complete = [record for record in mine if record.status == "complete"]
     wanted = [*planned, *(record.spec for record in mine)]
     _check_publishable(complete, [spec for spec in wanted if spec.agent == agent])
-    entry = Entry(
-        agent=agent,
-        authors=tuple(authors),
-        link=link,
-        privileged=complete[0].spec.privileged,
-        status=status,
-        suite=complete[0].spec.suite,
-        suite_version=complete[0].spec.suite_version,
-        tasks=tuple(
-            _task_entry([record for record in complete if record.spec.task.name == task.name])
-            for task in find_suite(complete[0].spec.suite).tasks
-        ),
-        versions=_versions(complete),
-        hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
-    )
+    try:
+        entry = _entry(complete, tuple(authors), link, status)
+    except ValidationError as error:
+        raise ValueError(first_complaint(error)) from None
     check_suite(entry)
     return entry
 
@@ -122,6 +114,25 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
         raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
     for package, text in version_differences(results).items():
         raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
+
+
+def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, status: Status) -> Entry:
+    spec = complete[0].spec
+    return Entry(
+        agent=spec.agent,
+        authors=authors,
+        link=link,
+        privileged=spec.privileged,
+        status=status,
+        suite=spec.suite,
+        suite_version=spec.suite_version,
+        tasks=tuple(
+            _task_entry([record for record in complete if record.spec.task.name == task.name])
+            for task in find_suite(spec.suite).tasks
+        ),
+        versions=_versions(complete),
+        hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
+    )
 
 
 def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:

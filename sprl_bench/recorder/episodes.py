@@ -45,12 +45,20 @@ class EpisodeLog:
     def __init__(self, num_envs: int, budget: int, autoreset: AutoresetMode = AutoresetMode.SAME_STEP) -> None:
         self.num_envs, self.budget, self.autoreset = num_envs, budget, autoreset
         self.env_steps = 0
+        self.abandoned = 0  # episodes that were reset before their end
         self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
         self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
         self._lengths = np.zeros(num_envs, np.int64)  # [N]
         self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset; stays False under SAME_STEP
         self._rows = np.empty(1024, EPISODE)
         self._count = 0
+
+    def add_env(self) -> int:
+        """Make room for one more sub-environment, before the first step, and return its index."""
+        self.num_envs += 1
+        self._sums, self._lost = np.zeros(self.num_envs), np.zeros(self.num_envs)
+        self._lengths, self._over = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.bool_)
+        return self.num_envs - 1
 
     @property
     def complete(self) -> bool:
@@ -143,6 +151,8 @@ class EpisodeLog:
 
     def reset(self, envs: slice | Indices | Mask = ALL) -> None:
         """Drop the unfinished episodes of the sub-environments that were reset from outside; a mask [N] is fine."""
+        if not self.complete:
+            self.abandoned += int(np.count_nonzero(self._lengths[envs]))
         self._forget(envs)
         self._over[envs] = False
 
@@ -151,6 +161,7 @@ class EpisodeLog:
         rows = self._rows[: self._count]
         return {
             "env_steps": self.env_steps,
+            "abandoned": self.abandoned,
             "sums": self._sums.copy(),
             "lost": self._lost.copy(),
             "lengths": self._lengths.copy(),
@@ -166,7 +177,7 @@ class EpisodeLog:
         """
         if len(state["sums"]) != self.num_envs:
             raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
-        self.env_steps = int(state["env_steps"])
+        self.env_steps, self.abandoned = int(state["env_steps"]), int(state["abandoned"])
         self._sums, self._lost = np.array(state["sums"]), np.array(state["lost"])
         self._lengths, self._over = np.array(state["lengths"]), np.array(state["over"])
         columns = state["episodes"]

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 from gymnasium import Space, spaces
-from gymnasium.vector import VectorEnv
+from gymnasium.envs.registration import make_vec
+from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench.recorder.making import make_envs
 from sprl_bench.records import TaskSpec
 
 __all__ = ["fingerprint"]
@@ -30,7 +30,9 @@ def fingerprint(task: TaskSpec) -> str:
 
 @functools.cache
 def _fingerprint(env_id: str, arguments: str) -> str:
-    envs = make_envs(env_id, NUM_ENVS, json.loads(arguments))
+    # Single environments: the engine equals them bit for bit, and there may be nothing compiled yet.
+    mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    envs = make_vec(env_id, NUM_ENVS, vectorization_mode="sync", vector_kwargs=mode, **json.loads(arguments))
     try:
         return _trajectory_hash(envs)
     finally:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from sprl_bench import machine, metrics
 from sprl_bench.recorder.episodes import EPISODE, EpisodeLog
@@ -70,6 +71,7 @@ def _totals(log: EpisodeLog) -> Totals:
     return Totals(
         env_steps=min(log.env_steps, log.budget),
         episodes=len(episodes),
+        abandoned=log.abandoned,
         successes=int(episodes["success"].sum()),
         mean_return=metrics.auc(episodes["return"]) if len(episodes) else 0.0,
         mean_length=float(episodes["length"].mean()) if len(episodes) else 0.0,
@@ -81,7 +83,17 @@ def _parquet(log: EpisodeLog) -> bytes:
     from pyarrow import parquet  # noqa: PLC0415
 
     episodes = log.episodes
-    columns = {name: np.ascontiguousarray(episodes[name]) for name in EPISODE.names or ()}
+    names = EPISODE.names or ()
+    table = pyarrow.Table.from_arrays([_column(episodes[name]) for name in names], names=list(names))
     buffer = io.BytesIO()
-    parquet.write_table(pyarrow.table(columns), buffer)
+    parquet.write_table(table, buffer)
     return buffer.getvalue()
+
+
+def _column(values: npt.NDArray[Any]) -> Any:
+    """Return an Arrow array made of raw memory: any other way loads pandas, which fails when the process is ending."""
+    import pyarrow  # noqa: PLC0415
+
+    packed = np.packbits(values, bitorder="little") if values.dtype == np.bool_ else np.ascontiguousarray(values)
+    buffers = [None, pyarrow.py_buffer(packed)]
+    return pyarrow.Array.from_buffers(pyarrow.from_numpy_dtype(values.dtype), len(values), buffers)

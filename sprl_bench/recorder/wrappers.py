@@ -5,8 +5,8 @@ Wrappers above it may do to rewards, observations and endings what they like; no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, SupportsFloat
+from collections.abc import Mapping
+from typing import Any, Final, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -15,13 +15,28 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sprl_bench.recorder.episodes import EpisodeLog
 
-__all__ = ["EnvRecorder", "VectorRecorder"]
+__all__ = ["EnvRecorder", "Listener", "VectorRecorder"]
 
 Mask = npt.NDArray[np.bool_]
 
 
-def _nothing() -> None:
-    """Do nothing."""
+class Listener:
+    """Is told what happens to recorded environments; this one does nothing."""
+
+    def stepping(self, index: int) -> None:
+        """Hear that a single environment is about to take a step; raising keeps it from that."""
+
+    def resetting(self, index: int) -> None:
+        """Hear that a single environment is about to be reset."""
+
+    def completed(self) -> None:
+        """Hear that the budget has been reached."""
+
+    def closed(self, index: int) -> None:
+        """Hear that an environment is about to be closed."""
+
+
+SILENT: Final = Listener()
 
 
 class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
@@ -30,20 +45,18 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
     Args:
         env: A vector environment whose `metadata` names its autoreset mode.
         budget: Environment steps after which nothing is recorded any more; steps go on as before.
-        on_complete: Called once, when the budget is reached.
-        on_close: Called when the environment is closed.
+        listener: Is told of the budget's end and of `close`.
     """
 
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
         budget: int,
-        on_complete: Callable[[], None] = _nothing,
-        on_close: Callable[[], None] = _nothing,
+        listener: Listener = SILENT,
     ) -> None:
         super().__init__(env)
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
-        self._on_complete, self._on_close = on_complete, on_close
+        self._listener = listener
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; unfinished episodes of what is reset are dropped."""
@@ -58,7 +71,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = np.logical_or(terminated, truncated)
         if self.episode_log.step(np.asarray(rewards, np.float64), ended, self._success(infos, ended)):
-            self._on_complete()
+            self._listener.completed()
         return observations, rewards, terminated, truncated, infos
 
     def _success(self, infos: Mapping[str, Any], ended: Mask) -> Mask:
@@ -70,7 +83,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def close(self, **kwargs: Any) -> None:
         """Close the environment."""
-        self._on_close()
+        self._listener.closed(0)
         self.env.close(**kwargs)
 
 
@@ -81,8 +94,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         env: The environment.
         log: What to write to.
         index: Which sub-environment of that log this is.
-        on_complete: Called once, when the budget is reached.
-        on_close: Called when the environment is closed.
+        listener: Is told of everything.
     """
 
     def __init__(
@@ -90,26 +102,27 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         env: gymnasium.Env[Any, Any],
         log: EpisodeLog,
         index: int = 0,
-        on_complete: Callable[[], None] = _nothing,
-        on_close: Callable[[], None] = _nothing,
+        listener: Listener = SILENT,
     ) -> None:
         super().__init__(env)
         self.episode_log, self._index = log, index
-        self._on_complete, self._on_close = on_complete, on_close
+        self._listener = listener
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; an unfinished episode is dropped."""
+        self._listener.resetting(self._index)
         observation, info = self.env.reset(seed=seed, options=options)
         self.episode_log.reset(self._here)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and log the episode if it ends."""
+        self._listener.stepping(self._index)
         observation, reward, terminated, truncated, info = self.env.step(action)
         ended = np.array([terminated or truncated])
         success = np.array([bool(info.get("is_success", False))])
         if self.episode_log.step(np.array([float(reward)]), ended, success, self._here):
-            self._on_complete()
+            self._listener.completed()
         return observation, reward, terminated, truncated, info
 
     @property
@@ -118,5 +131,5 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def close(self) -> None:
         """Close the environment."""
-        self._on_close()
+        self._listener.closed(self._index)
         self.env.close()

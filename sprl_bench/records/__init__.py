@@ -16,6 +16,7 @@ from sprl_bench.records.types import (
     TaskSpec,
     Totals,
     check_scores,
+    differences,
     find_records,
     hyperparameters_hash,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "TaskSpec",
     "Totals",
     "check_scores",
+    "differences",
     "find_records",
     "hyperparameters_hash",
     "locate",

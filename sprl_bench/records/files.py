@@ -19,7 +19,7 @@ from pydantic_core import ErrorDetails
 
 from sprl_bench.records.places import Place, find_duplicate, find_line
 
-__all__ = ["Data", "InvalidFileError", "locate", "read", "write", "write_bytes"]
+__all__ = ["Data", "InvalidFileError", "first_complaint", "locate", "read", "write", "write_bytes"]
 
 SHOWN_LETTERS = 80
 OURS = "Value error, "
@@ -65,14 +65,23 @@ def locate(path: Path, place: Place) -> int:
 
 def _describe(content: bytes, error: ValidationError) -> str:
     """Return "LINE: PLACE: what is wrong there", for the first thing that is wrong."""
-    errors = sorted(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
-    first = errors[0]
+    first = _sorted(error)[0]
     if first["type"] == "json_invalid":
         line = re.search(r"at line (\d+)", first["msg"])
         return f"{line.group(1) if line else 1}: {_printable(first['msg'], 200)}"
-    complaint, place = _complaint(first, errors), first["loc"]
+    return f"{find_line(content.decode(), first['loc'] + _subject(first))}: {first_complaint(error)}"
+
+
+def first_complaint(error: ValidationError) -> str:
+    """Return "PLACE: what is wrong there", for the first thing that is wrong."""
+    errors = _sorted(error)
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    return f"{find_line(content.decode(), place + _subject(first))}: {_name(place)}: {complaint}{more}"
+    return f"{_name(errors[0]['loc'])}: {_complaint(errors[0], errors)}{more}"
+
+
+def _sorted(error: ValidationError) -> list[ErrorDetails]:
+    """Return what is wrong, unknown keys first: they are often what is missing elsewhere, misspelt."""
+    return sorted(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
 
 
 def _subject(error: ErrorDetails) -> Place:

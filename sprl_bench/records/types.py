@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, JsonValue, model_validator
+from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
 
 from sprl_bench import metrics
-from sprl_bench.records.files import Data, read
+from sprl_bench.records.files import Data, first_complaint, read
 from sprl_bench.tasks import Suite, Task
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "TaskSpec",
     "Totals",
     "check_scores",
+    "differences",
     "find_records",
     "hyperparameters_hash",
 ]
@@ -130,19 +131,47 @@ class RunSpec(Data):
 
     @classmethod
     def of(cls, suite: Suite, task: Task, *, hyperparameters: Mapping[str, Any], **rest: Any) -> Self:
-        """Return the spec of a run of one task of a suite; `rest` are the other fields."""
-        return cls(
-            suite=suite.name,
-            suite_version=suite.version,
-            task=TaskSpec.of(task),
-            hyperparameters=dict(hyperparameters),
-            hyperparameters_hash=hyperparameters_hash(hyperparameters),
-            **rest,
-        )
+        """Return the spec of a run of one task of a suite; `rest` are the other fields.
+
+        Raises:
+            ValueError: A field has a value that is not allowed; the message is one line that names it.
+        """
+        try:
+            plain = json.loads(json.dumps(dict(hyperparameters), allow_nan=False))
+            return cls(
+                suite=suite.name,
+                suite_version=suite.version,
+                task=TaskSpec.of(task),
+                hyperparameters=plain,
+                hyperparameters_hash=hyperparameters_hash(plain),
+                **rest,
+            )
+        except ValidationError as error:
+            raise ValueError(first_complaint(error)) from None
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"hyperparameters must be plain, finite values: {error}") from None
 
     def path(self, root: Path) -> Path:
         """Return the folder of this run under `root`."""
         return root / self.suite / self.task.name / self.agent / f"seed-{self.seed}"
+
+
+def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
+    """Return a line for each field, hyperparameter or argument that differs, such as "seed: 0 on disk, 1 now"."""
+    old, new = _flat(on_disk.model_dump(mode="json")), _flat(now.model_dump(mode="json"))
+    names = [name for name in {**old, **new} if name != "hyperparameters_hash"]
+    return [
+        f"{name.removeprefix('hyperparameters.')}: {old.get(name, 'absent')!r} on disk, {new.get(name, 'absent')!r} now"
+        for name in names
+        if old.get(name, "absent") != new.get(name, "absent")
+    ]
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in tree.items():
+        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, Mapping) else {prefix + name: value}
+    return flat
 
 
 class Scores(Data):
@@ -172,6 +201,7 @@ class Totals(Data):
 
     env_steps: Count
     episodes: Count
+    abandoned: Count = Field(default=0, description="Episodes that the agent reset before their end; not scored.")
     successes: Count
     mean_return: Bounded = Field(description="Over all scored episodes; 0 where there is none.")
     mean_length: Amount = Field(description="In environment steps; 0 where there is none.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from sprl_bench.tables.grid import GRID_FORMATS, Grid, as_json, draw, number
 from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
 from sprl_bench.tables.results import (
+    SCORED_PACKAGES,
     Hole,
     IncomparableError,
     MissingRunsError,
@@ -33,6 +34,7 @@ __all__ = [
     "FORMATS",
     "GRID_FORMATS",
     "PRIVILEGED",
+    "SCORED_PACKAGES",
     "Cell",
     "Estimate",
     "Grid",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sprl_baselines.config import suggestion
 from sprl_baselines.presets import grid
+from sprl_bench.suggestions import unknown
 
 DOMAINS = {"grid": grid.PRESETS}
 
@@ -18,8 +18,8 @@ def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
         ValueError: The domain or the preset is unknown.
     """
     if domain not in DOMAINS:
-        raise ValueError(f"unknown domain {domain!r}{suggestion(domain, tuple(DOMAINS))}")
+        raise ValueError(unknown("domain", domain, DOMAINS))
     presets = DOMAINS[domain]
     if name not in presets:
-        raise ValueError(f"unknown preset {name!r} of domain {domain!r}{suggestion(name, tuple(presets))}")
+        raise ValueError(unknown(f"{domain} preset", name, presets))
     return presets[name].get(agent, {})

@@ -22,7 +22,7 @@ from sprl_bench.envs.grid.encoding import AGENT, EMPTY, HORIZON, NUM_ACTIONS, RE
 
 __all__ = ["GridEnv"]
 
-_EMPTY_CELL = (EMPTY, 0, 0)
+_EMPTY_CELL = bytes((EMPTY, 0, 0))
 
 
 class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
@@ -68,10 +68,10 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
 
     def gen_obs(self) -> NDArray[np.uint8]:
         """Encode the whole grid as [row y, column x, (type, colour, state)], the agent drawn over its cell."""
-        cells = [_EMPTY_CELL if cell is None else cell.encode() for cell in self.grid.grid]
+        cells = [_EMPTY_CELL if cell is None else bytes(cell.encode()) for cell in self.grid.grid]
         x, y = self.agent_pos
-        cells[y * self.width + x] = (AGENT, RED, self.agent_dir)
-        return np.array(cells, dtype=np.uint8).reshape(self.height, self.width, 3)
+        cells[y * self.width + x] = bytes((AGENT, RED, self.agent_dir))
+        return np.frombuffer(bytearray().join(cells), np.uint8).reshape(self.height, self.width, 3)
 
     def load(self, observation: NDArray[np.uint8], beneath: NDArray[np.uint8], carrying: bool, elapsed: int) -> None:
         """Take over the state of a running episode, all but the random generator.

@@ -1,0 +1,110 @@
+"""The commands put together, and what becomes of an error."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from types import MappingProxyType
+from typing import Annotated, cast
+
+import typer
+
+from sprl_bench.cli import boards, doctoring, listing, reports, running
+
+__all__ = ["app", "main"]
+
+FAILED, MISUSED, INTERRUPTED = 1, 2, 130
+UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
+"""What the parser raises for a wrong command; typer does not export it."""
+EXTRAS: Mapping[str, str] = MappingProxyType(
+    {
+        "gymnasium_robotics": "fetch",
+        "matplotlib": "plots",
+        "mujoco": "fetch",
+        "ray": "ray",
+        "submitit": "slurm",
+        "torch": "baselines",
+    }
+)
+
+app = typer.Typer(
+    name="sprl-bench",
+    help="The benchmark for sparse-reward reinforcement learning.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.add_typer(listing.app, name="list")
+app.command("run")(running.run)
+app.command("status")(running.status)
+app.command("table")(reports.table)
+app.command("plot")(reports.plot)
+app.add_typer(boards.app, name="leaderboard")
+app.command("doctor")(doctoring.doctor)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sprl-bench {version('sprl-bench')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    context: typer.Context,
+    show_version: Annotated[  # noqa: ARG001 - its callback acts
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version and stop.")
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of every error.")] = False,  # noqa: ARG001
+) -> None:
+    # `main` has taken --debug out before the parser sees it, wherever it stood; it is here for the help.
+    listing.require_command(context)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status.
+
+    Args:
+        arguments: Those of the command line when None.
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = [word for word in given if word != "--debug"]
+    if len(words) < len(given):
+        return _call(words)
+    try:
+        return _call(words)
+    except KeyboardInterrupt:
+        return _complain("Interrupted.", INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
+        return FAILED
+    except (OSError, ValueError, ImportError) as error:
+        # A plain ValueError is about what was asked for; its subclasses are about what was found.
+        return _complain(_sentence(error), MISUSED if type(error) is ValueError else FAILED)
+
+
+def _call(words: Sequence[str]) -> int:
+    try:
+        status = app(list(words), standalone_mode=False)
+        sys.stdout.flush()
+    except UsageError as error:
+        return _complain(error.format_message(), MISUSED)
+    except typer.Abort:
+        return _complain("Aborted.", FAILED)
+    return status if isinstance(status, int) else 0
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror}."
+    if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
+        return f"{error.name} is not installed; get it with: pip install 'sprl-bench[{extra}]'"
+    return str(error) or type(error).__name__
+
+
+def _complain(message: str, status: int) -> int:
+    line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(message.split()))
+    print(f"sprl-bench: {line}", file=sys.stderr)
+    return status

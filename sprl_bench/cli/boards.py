@@ -1,0 +1,119 @@
+"""Commands around the leaderboards."""
+
+# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sprl_bench.cli.listing import require_command
+from sprl_bench.cli.reports import Output, deliver, planned_runs, terminal_width
+from sprl_bench.suggestions import unknown
+
+if TYPE_CHECKING:  # loaded when a command needs it
+    from sprl_bench.leaderboard.making import Status
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Show, check, extend and challenge the leaderboards.", callback=require_command, invoke_without_command=True
+)
+
+Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
+Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
+
+
+@app.command("show")
+def show(
+    suite: Annotated[str | None, typer.Argument(help="The suite; by default all.")] = None,
+    form: Annotated[str, typer.Option("--format", help="rich, md, csv, latex or json.")] = "rich",
+    output: Output = None,
+    home: Home = None,
+) -> None:
+    """Show the boards, computed from their entries."""
+    from sprl_bench import leaderboard
+    from sprl_bench.tables import render
+
+    boards = leaderboard.boards(home or leaderboard.home(), suite)
+    deliver(render(boards, form, width=terminal_width(output)), output)
+
+
+@app.command("validate")
+def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> int:
+    """Check entries; one line on stderr for each that is wrong."""
+    from sprl_bench import leaderboard
+
+    complaints = leaderboard.validate(files)
+    for line in complaints:
+        typer.echo(line, err=True)
+    typer.echo(f"{len(files) - len(complaints)} of {len(files)} entries are valid.")
+    return 1 if complaints else 0
+
+
+@app.command("add")
+def add(
+    runs: Runs,
+    agent: Annotated[str, typer.Option(help="Whose runs.")],
+    authors: Annotated[list[str], typer.Option("--author", "--authors", help="May be given several times.")],
+    link: Annotated[str, typer.Option(help="The paper or the code.")],
+    suite: Annotated[str | None, typer.Option(help="Needed where the agent has runs of several.")] = None,
+    status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
+    home: Home = None,
+) -> None:
+    """Make an entry of an agent's runs: at least five seeds, the same on all tasks of the suite."""
+    from sprl_bench import leaderboard
+    from sprl_bench.records import find_records
+
+    entry = leaderboard.make_entry(
+        find_records(runs),
+        agent=agent,
+        authors=authors,
+        link=link,
+        suite=suite,
+        status=_status(status),
+        planned=planned_runs(runs),
+    )
+    path = leaderboard.add_entry(entry, home or leaderboard.home(), replace=replace)
+    typer.echo(f"Wrote {path}.", err=True)
+
+
+def _status(text: str) -> Status:
+    if text == "reported":
+        return "reported"
+    if text == "reproduced":
+        return "reproduced"
+    raise ValueError(unknown("status", text, ["reported", "reproduced"]))
+
+
+@app.command("compare")
+def compare(
+    runs: Runs,
+    against: Annotated[Path, typer.Option(help="A board's folder, as leaderboards/grid, or one entry.")],
+    agent: Annotated[str | None, typer.Option(help="Whose runs; by default every agent's.")] = None,
+    task: Annotated[
+        list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")
+    ] = None,
+    form: Annotated[str, typer.Option("--format", help="rich, md, latex or json.")] = "rich",
+    output: Output = None,
+) -> None:
+    """Compare runs with entries: the difference of mean AUC with its interval, paired by task."""
+    from sprl_bench import leaderboard
+    from sprl_bench.records import find_records
+
+    entries = [leaderboard.read_entry(against)] if against.is_file() else leaderboard.find_entries(against)
+    compared = leaderboard.compare(
+        find_records(runs), entries, agent=agent, tasks=task or None, planned=planned_runs(runs)
+    )
+    deliver(leaderboard.render_comparisons(compared, form, width=terminal_width(output)), output)
+
+
+@app.command("schema")
+def schema(output: Output = None) -> None:
+    """Print the JSON schema of an entry, as leaderboards/schema.json holds it."""
+    from sprl_bench import leaderboard
+
+    deliver(leaderboard.schema(), output)

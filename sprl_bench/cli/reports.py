@@ -1,0 +1,83 @@
+"""Commands that turn records into tables and pictures."""
+
+# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:  # loaded when a command needs them
+    from sprl_bench.records import RunRecord, RunSpec
+
+__all__ = ["Output", "deliver", "planned_runs", "plot", "print_tables", "table", "terminal_width"]
+
+Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
+Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
+AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Show what is there, and mark what is missing.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
+
+
+def table(
+    runs: Runs,
+    form: Annotated[str, typer.Option("--format", help="rich, md, csv, latex or json.")] = "rich",
+    output: Output = None,
+    task: Tasks = None,
+    allow_missing: AllowMissing = False,
+) -> None:
+    """Show each agent's mean AUC with its interval, one table a suite."""
+    from sprl_bench.records import find_records
+    from sprl_bench.tables import render, tabulate
+
+    made = tabulate(find_records(runs), tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
+    deliver(render(made, form, width=terminal_width(output)), output)
+
+
+def plot(
+    runs: Runs,
+    output: Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")],
+    task: Tasks = None,
+    allow_missing: AllowMissing = False,
+) -> None:
+    """Draw each agent's learning curve, one panel a task."""
+    from sprl_bench import plots
+    from sprl_bench.records import find_records
+
+    plots.plot(find_records(runs), output, tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
+    typer.echo(f"Wrote {output}.", err=True)
+
+
+def print_tables(records: Iterable[RunRecord], *, tasks: Sequence[str], planned: Iterable[RunSpec]) -> None:
+    """Print the tables of these records, whatever is missing marked."""
+    from sprl_bench.tables import render, tabulate
+
+    made = tabulate(records, tasks=tasks, planned=planned, allow_missing=True)
+    deliver(render(made, "rich", width=terminal_width(None)), None)
+
+
+def planned_runs(runs: Path) -> list[RunSpec]:
+    """Return every run that was begun or asked for below this folder."""
+    from sprl_bench.suite import survey
+
+    return [state.spec for state in survey(runs)]
+
+
+def deliver(text: str, output: Path | None) -> None:
+    """Print `text`, or write it to a file and say so."""
+    if output is None:
+        sys.stdout.write(text)
+        return
+    from sprl_bench.records import write_bytes
+
+    write_bytes(output, text.encode())
+    typer.echo(f"Wrote {output}.", err=True)
+
+
+def terminal_width(output: Path | None) -> int | None:
+    """Return the columns of the terminal that text is shown in, or None where it is not."""
+    return shutil.get_terminal_size().columns if output is None and sys.stdout.isatty() else None

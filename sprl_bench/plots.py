@@ -1,0 +1,175 @@
+"""Learning curves: one panel a task, one line an agent, the mean over seeds and its 95 % bootstrap band.
+
+Drawn without a display. Colours are those of Okabe and Ito, which colour-blind readers tell apart; dashes come in once
+they are used up. matplotlib is loaded when something is drawn.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from sprl_bench import metrics
+from sprl_bench.records import RunRecord, RunSpec, write_bytes
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import BOOTSTRAP_SEED, Result, Table, tabulate
+
+if TYPE_CHECKING:  # the extra `plots`
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["SUFFIXES", "draw_curves", "plot"]
+
+SUFFIXES = (".pdf", ".png", ".svg")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+Dashes = Literal["-", "--", ":", "-."]
+DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
+COLUMNS = 4
+PANEL = (3.4, 2.7)  # inches
+UNDATED: Mapping[str, Mapping[str, None]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
+STYLE: Final[Any] = {  # matplotlib keeps the type of the keys to itself
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 10,
+    "font.size": 9,
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sprl-bench",
+    "text.parse_math": False,  # a name is a name
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How an agent is drawn, in every panel."""
+
+    colour: str
+    dashes: Dashes
+
+
+def plot(
+    records: Iterable[RunRecord],
+    output: Path,
+    *,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
+) -> None:
+    """Draw the learning curves of these records into a file; the same records give the same bytes.
+
+    Args:
+        records: Finished runs; incomplete ones count as missing.
+        output: A .png, .svg or .pdf file.
+        tasks: The tasks to show, or None for all tasks of each suite.
+        planned: Runs that were asked for: those without a record count as missing.
+        allow_missing: Draw what is there, and say in the legend how many seeds it is.
+
+    Raises:
+        MissingRunsError: Runs are missing and `allow_missing` is false.
+        IncomparableError: The records must not share a picture.
+        ValueError: There is no finished run, a task is unknown, or the file's suffix is another.
+        ModuleNotFoundError: matplotlib is not installed.
+    """
+    suffix = output.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
+    everything = list(records)
+    tables = tabulate(everything, tasks=tasks, planned=planned, allow_missing=allow_missing)
+    results = [Result.of(record) for record in everything if record.status == "complete"]
+
+    import matplotlib as mpl  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    with mpl.rc_context(STYLE):
+        buffer = io.BytesIO()
+        figure = draw_curves(tables, results)
+        figure.savefig(buffer, format=suffix[1:], dpi=200, metadata=dict(UNDATED[suffix]))
+    write_bytes(output, buffer.getvalue())
+
+
+def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
+    """Return a figure with one panel for each task of each table.
+
+    Args:
+        tables: Which suites, tasks and agents.
+        results: Their runs, and maybe others.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    panels = [(table, task) for table in tables for task in table.tasks]
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    looks = _looks(row.agent for table in tables for row in table.rows)
+    figure = Figure(figsize=(columns * PANEL[0], rows * PANEL[1] + 0.4), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for (table, task), axes in zip(panels, grid.flat, strict=False):
+        axes.set_title(task if len(tables) == 1 else f"{table.suite}: {task}")
+        _draw_panel(axes, [run for run in results if (run.suite, run.task.name) == (table.suite, task)], looks)
+    for axes in grid.flat[len(panels) :]:
+        axes.set_visible(False)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("Mean return")
+    figure.supxlabel("Mean over seeds; bands are 95 % bootstrap intervals.", fontsize=7, color="#555555")
+    _draw_legend(figure, looks, tables, columns + columns // 2)
+    return figure
+
+
+def _looks(agents: Iterable[str]) -> dict[str, Look]:
+    return {
+        agent: Look(COLOURS[number % len(COLOURS)], DASHES[number // len(COLOURS) % len(DASHES)])
+        for number, agent in enumerate(sorted(set(agents)))
+    }
+
+
+def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -> None:
+    """Draw all agents' runs of one task."""
+    for agent in sorted({run.agent for run in runs}):
+        curves = np.asarray([run.return_curve for run in runs if run.agent == agent])
+        _draw_agent(axes, curves, runs[0].task.budget, looks[agent])
+    if runs:
+        low, high = runs[0].task.score_range
+        axes.set_ylim(low - 0.02 * (high - low), high + 0.02 * (high - low))
+        axes.set_xlim(0, runs[0].task.budget)
+    axes.xaxis.set_major_formatter(_short_number)
+    axes.set_xlabel("Environment steps")
+    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _draw_agent(axes: Axes, curves: metrics.Array, budget: int, look: Look) -> None:
+    """Draw the mean of curves [S, 100], each bin at its end."""
+    steps = budget * np.arange(1, metrics.BINS + 1) / metrics.BINS
+    axes.plot(steps, curves.mean(axis=0), color=look.colour, linestyle=look.dashes, linewidth=1.6)
+    band = metrics.curve_band(curves, np.random.default_rng(BOOTSTRAP_SEED))
+    if band is not None:
+        axes.fill_between(steps, *band, color=look.colour, alpha=0.18, linewidth=0)
+
+
+def _draw_legend(figure: Figure, looks: Mapping[str, Look], tables: Sequence[Table], columns: int) -> None:
+    """Name each agent once, above all panels, with its seeds."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    lines = [Line2D([], [], color=look.colour, linestyle=look.dashes, linewidth=1.6) for look in looks.values()]
+    names = [f"{agent} {_describe(agent, tables)}" for agent in looks]
+    figure.legend(lines, names, loc="outside upper center", ncols=min(columns, len(names)))
+
+
+def _describe(agent: str, tables: Sequence[Table]) -> str:
+    """Return "(5 seeds)", as a range where tasks differ, with a dagger for a privileged agent."""
+    rows = [row for table in tables for row in table.rows if row.agent == agent]
+    counts = sorted({len(cell.seeds) for row in rows for cell in row.cells})
+    number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    mark = "† privileged, " if any(row.privileged for row in rows) else ""
+    return f"({mark}{number} seed{'' if counts == [1] else 's'})"
+
+
+def _short_number(value: float, _position: float) -> str:
+    """Return 500k for 500,000 and 2M for 2,000,000."""
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(value) >= size:
+            return f"{value / size:g}{letter}"
+    return f"{value:g}"

@@ -1,0 +1,197 @@
+"""Which task an environment is: its id, its arguments, and nothing beneath the recorder that changes them.
+
+Only what `gymnasium.make` itself puts around an environment may lie beneath. It is not asked what another wrapper
+does: above the recorder it can do no harm to a score, and that is where it belongs.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import gymnasium
+from gymnasium import wrappers
+from gymnasium.envs.registration import EnvSpec, load_env_creator
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv, VectorWrapper
+
+from sprl_bench.tasks import CUSTOM, SUITES, Argument, Suite, Task, find_suite, match_task, with_budget
+
+__all__ = ["Identity", "choose_task", "identify"]
+
+Env = gymnasium.Env[Any, Any]
+Envs = VectorEnv[Any, Any, Any]
+
+HARMLESS: Final = (
+    wrappers.PassiveEnvChecker,
+    wrappers.OrderEnforcing,
+    wrappers.HumanRendering,
+    wrappers.RenderCollection,
+)
+# Arguments of `make` and `make_vec` that change no episode.
+NO_DYNAMICS: Final = frozenset(
+    ("render_mode", "num_envs", "vectorization_mode", "vector_kwargs", "autoreset_mode", "num_threads", "copy")
+)
+ADVICE: Final = "record what gymnasium.make returned, and wrap what record() returns."
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What an environment was made from.
+
+    Attributes:
+        env_id: The Gymnasium id.
+        arguments: What was given to `make`, as far as it can change an episode.
+        defaults: What the environment takes where an argument is not given.
+    """
+
+    env_id: str
+    arguments: Mapping[str, Argument]
+    defaults: Mapping[str, Argument]
+
+
+def identify(env: Env | Envs) -> Identity:
+    """Return what a single or a vector environment was made from.
+
+    Raises:
+        TypeError: It is neither.
+        ValueError: It was not made by `gymnasium.make` or `make_vec`, or something lies beneath that could change
+            rewards or endings.
+    """
+    if isinstance(env, VectorWrapper):
+        raise ValueError(f"{type(env).__name__} lies beneath the recorder; {ADVICE}")
+    if isinstance(env, SyncVectorEnv):
+        return _common([_identify_single(single) for single in env.envs])
+    if isinstance(env, AsyncVectorEnv):
+        return _common([_identify_by_spec(spec) for spec in env.get_attr("spec")])
+    if isinstance(env, VectorEnv):
+        return _identify_by_spec(env.spec)
+    if isinstance(env, gymnasium.Env):
+        return _identify_single(env)
+    raise TypeError(
+        f"env is a {type(env).__module__}.{type(env).__qualname__}; record() takes a gymnasium.Env or a "
+        "gymnasium.vector.VectorEnv. Where another library makes its own kind of vector environment, record each "
+        "environment inside."
+    )
+
+
+def _common(identities: list[Identity]) -> Identity:
+    for other in identities:
+        if other != identities[0]:
+            raise ValueError(
+                f"The sub-environments are not all the same: {identities[0].env_id} {dict(identities[0].arguments)} "
+                f"and {other.env_id} {dict(other.arguments)}."
+            )
+    return identities[0]
+
+
+def _identify_single(env: Env) -> Identity:
+    made = env.unwrapped.spec
+    registered = _registered(made)
+    layer: Env = env
+    while isinstance(layer, gymnasium.Wrapper):
+        _check_wrapper(layer, registered)
+        layer = layer.env
+    return _identity(registered, made.kwargs if made else {})
+
+
+def _check_wrapper(layer: gymnasium.Wrapper[Any, Any, Any, Any], registered: EnvSpec) -> None:
+    kind = type(layer)
+    if kind in HARMLESS:
+        return
+    if kind is wrappers.TimeLimit:
+        _check_time_limit(layer.get_wrapper_attr("_max_episode_steps"), registered)
+        return
+    if f"{kind.__module__}:{kind.__name__}" not in [wrapper.entry_point for wrapper in registered.additional_wrappers]:
+        raise ValueError(f"{kind.__name__} lies beneath the recorder; {ADVICE}")
+
+
+def _check_time_limit(limit: int | None, registered: EnvSpec) -> None:
+    if limit not in (None, -1, registered.max_episode_steps):
+        raise ValueError(
+            f"max_episode_steps={limit} changes where episodes of {registered.id} end; it is "
+            f"{registered.max_episode_steps} there. Leave it out, or put a TimeLimit above the recorder."
+        )
+
+
+def _identify_by_spec(made: EnvSpec | None) -> Identity:
+    """Identify an environment that cannot be looked into: the spec lists all wrappers and arguments."""
+    registered = _registered(made)
+    assert made is not None
+    own = [wrapper.entry_point for wrapper in registered.additional_wrappers]
+    names = [wrapper.name for wrapper in made.additional_wrappers if wrapper.entry_point not in own]
+    names += [getattr(wrapper, "__name__", repr(wrapper)) for wrapper in made.kwargs.get("wrappers", ())]
+    if names:
+        raise ValueError(f"{names[0]} lies beneath the recorder; {ADVICE}")
+    _check_time_limit(made.max_episode_steps, registered)
+    _check_time_limit(made.kwargs.get("max_episode_steps"), registered)
+    return _identity(registered, made.kwargs)
+
+
+def _registered(made: EnvSpec | None) -> EnvSpec:
+    if made is None or made.id not in gymnasium.registry:
+        raise ValueError("The environment has no registered id: make it by gymnasium.make or gymnasium.make_vec.")
+    return gymnasium.registry[made.id]
+
+
+def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
+    without = NO_DYNAMICS | {"wrappers", "max_episode_steps"}
+    given = {name: value for name, value in arguments.items() if name not in without}
+    return Identity(registered.id, given, {name: v for name, v in _defaults(registered).items() if name not in without})
+
+
+def _defaults(registered: EnvSpec) -> dict[str, Argument]:
+    """Return the plain defaults of what makes a single environment."""
+    entry_point = registered.entry_point
+    creator: Callable[..., Any] | None = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
+    if creator is None:
+        return {}
+    parameters = inspect.signature(creator).parameters
+    return {name: p.default for name, p in parameters.items() if isinstance(p.default, bool | int | float | str)}
+
+
+def choose_task(identity: Identity, suite: str | None, budget: int | None) -> tuple[Suite, Task]:
+    """Return the suite and task that a recorded environment belongs to.
+
+    Args:
+        identity: The environment.
+        suite: Its name; by default the first suite that holds the environment.
+        budget: Environment steps; other than the task's, they make the run one of the suite "custom".
+
+    Raises:
+        ValueError: There is no such suite, it has no such task, or no task matches and there is no budget either.
+    """
+    if budget is not None and (isinstance(budget, bool) or not isinstance(budget, int) or budget < 1):
+        raise ValueError(f"budget is {budget!r}; it must be a positive integer, in environment steps.")
+    named = suite not in (None, CUSTOM.name)
+    suites = [find_suite(str(suite))] if named else list(SUITES.values())
+    found = match_task(identity.env_id, identity.arguments, identity.defaults, suites)
+    if named and found is None:
+        tasks = ", ".join(task.name for task in suites[0].tasks)
+        raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
+    if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
+        return found
+    if budget is None:
+        raise ValueError(f"No suite has a task {_described(identity)}: say how long to record by budget=...")
+    return CUSTOM, with_budget(found[1] if found else _task_of_its_own(identity), budget)
+
+
+def _described(identity: Identity) -> str:
+    arguments = "".join(f", {name}={value!r}" for name, value in identity.arguments.items())
+    return f"{identity.env_id}{arguments}"
+
+
+def _task_of_its_own(identity: Identity) -> Task:
+    """Return a task of no suite: its arguments in its name, its range that of tasks with the same id, or [0, 1]."""
+    relatives = [task for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
+    changed = {name: v for name, v in identity.arguments.items() if identity.defaults.get(name) != v}
+    name = "-".join([identity.env_id.rpartition("/")[2], *(f"{name}-{v}" for name, v in sorted(changed.items()))])
+    return Task(
+        name=name,
+        env_id=identity.env_id,
+        budget=1,
+        domain=relatives[0].domain if relatives else CUSTOM.name,
+        arguments=dict(identity.arguments),
+        score_range=relatives[0].score_range if relatives else (0.0, 1.0),
+    )

@@ -1,0 +1,300 @@
+"""Records of any script's run: one line around its environment, or one block around all of it.
+
+Environments recorded under the same suite, task, agent and seed in one process are the sub-environments of one run, as
+where a library makes its vector environment out of single ones. They must be stepped in turn. An environment that is
+used for something else, such as evaluation, is therefore noticed at once, and must be made outside.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import time
+import warnings
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, TypeVar
+
+import gymnasium
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from sprl_bench.recorder.episodes import EpisodeLog
+from sprl_bench.recorder.fingerprint import fingerprint
+from sprl_bench.recorder.folder import CHECKPOINT, RECORD, lock, remove_leftovers
+from sprl_bench.recorder.identity import choose_task, identify
+from sprl_bench.recorder.making import NAMESPACE
+from sprl_bench.recorder.results import write_result
+from sprl_bench.recorder.wrappers import EnvRecorder, Listener, VectorRecorder
+from sprl_bench.records import RunRecord, RunSpec, differences, read
+
+__all__ = ["Recording", "record", "recording"]
+
+AnyEnv = TypeVar("AnyEnv", bound="gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]")
+NONE: Final[Mapping[str, Any]] = MappingProxyType({})
+ELSEWHERE: Final = (
+    "An environment for evaluation is made before the recording begins, or under `with recording.paused():`."
+)
+
+
+def record(
+    env: AnyEnv,
+    *,
+    out: str | Path,
+    agent: str,
+    seed: int,
+    suite: str | None = None,
+    budget: int | None = None,
+    privileged: bool = False,
+    hyperparameters: Mapping[str, Any] = NONE,
+) -> AnyEnv:
+    """Return `env` with a recorder on it, which writes the run's record below `out`.
+
+    The task is found by the environment's id and arguments. At the budget the record is written and final, and later
+    steps pass through; on `close`, or when the process ends, what there is by then is written as incomplete. The
+    environment behaves as before and can be wrapped and handed to any library.
+
+    Args:
+        env: What `gymnasium.make` or `gymnasium.make_vec` returned.
+        out: The root of all runs; the record goes to `<out>/<suite>/<task>/<agent>/seed-<seed>`.
+        agent: What tables shall call the method.
+        seed: The seed that the script runs with; it is noted, not set.
+        suite: Which suite the run belongs to; by default the first one that has the task.
+        budget: Environment steps, where no suite has the task. Other than the task's, they make the run "custom".
+        privileged: Whether the method sees what an ordinary agent does not.
+        hyperparameters: To be noted: names and plain values.
+
+    Raises:
+        TypeError, ValueError: An argument is not allowed, or something lies beneath the recorder.
+        FileExistsError: There is a complete record, or an unfinished run of the command line, in that place.
+        LockedError: Another process is recording the same run.
+    """
+    recorded: AnyEnv = _run_of(env, Path(out), suite, budget, agent, seed, privileged, hyperparameters).take_in(env)
+    return recorded
+
+
+def _run_of(
+    env: Any,
+    out: Path,
+    suite: str | None,
+    budget: int | None,
+    agent: str,
+    seed: int,
+    privileged: bool = False,
+    hyperparameters: Mapping[str, Any] = NONE,
+) -> _ScriptRun:
+    """Return the run of this process that an environment belongs to."""
+    spec = RunSpec.of(
+        *choose_task(identify(env), suite, budget),
+        hyperparameters=hyperparameters,
+        agent=agent,
+        source="",
+        privileged=privileged,
+        seed=seed,
+        num_envs=1,
+    )
+    folder = spec.path(out.absolute())
+    run = _LIVE.get(folder) or _ScriptRun(spec, folder)
+    if run.spec != spec:
+        raise ValueError(f"{folder} is being recorded with {'; '.join(differences(run.spec, spec))}.")
+    return run
+
+
+class _ScriptRun(Listener):
+    """One run of a script while it goes on, from its first environment to its record.
+
+    Args:
+        spec: What it is a run of; the number of sub-environments is filled in at the end.
+        folder: Where its record goes.
+
+    Raises:
+        FileExistsError: Something lies there that must not be replaced.
+        LockedError: Another process is recording there.
+    """
+
+    def __init__(self, spec: RunSpec, folder: Path) -> None:
+        import pyarrow.parquet  # noqa: F401, PLC0415 - too late to load when the interpreter shuts down
+
+        self.spec, self.folder = spec, folder
+        self.held = False  # whether it goes on when all its environments are closed
+        fingerprint(spec.task)  # now, for the same reason
+        self._owned = contextlib.ExitStack()
+        self._owned.enter_context(lock(folder))
+        self._owned.callback(_LIVE.pop, folder)
+        _LIVE[folder] = self
+        self._process, self._started = os.getpid(), time.perf_counter()
+        self._log = EpisodeLog(0, spec.task.budget, AutoresetMode.DISABLED)
+        self._open: dict[int, _Turns] = {}
+        self._final = False
+        try:
+            _refuse_to_replace(folder)
+        except BaseException:
+            self._owned.close()
+            raise
+        remove_leftovers(folder)
+
+    def take_in(self, env: Any) -> Any:
+        """Return `env` with a recorder that writes to this run.
+
+        Raises:
+            ValueError: The run has begun without it, or it is a second vector environment.
+        """
+        vector = isinstance(env, VectorEnv)
+        if self._log.env_steps or (self._open and vector):
+            raise ValueError(f"{self.folder} is being recorded already. {ELSEWHERE}")
+        recorder: Any
+        if vector:
+            recorder = VectorRecorder(env, self.spec.task.budget, self)
+            self._log, index = recorder.episode_log, 0
+        else:
+            index = self._log.add_env()
+            recorder = EnvRecorder(env, self._log, index, self)
+        self._open[index] = _Turns()
+        weakref.finalize(recorder, self.closed, index)  # when it is forgotten, or at the end of the process
+        return recorder
+
+    def stepping(self, index: int) -> None:
+        """Refuse a step out of turn: with N environments, each takes its step before one takes its next."""
+        mine = self._open.get(index, _Turns())
+        if len(self._open) > 1 and not self._final:
+            slowest = min(turns.steps + turns.resets for turns in self._open.values())
+            if mine.steps > slowest:
+                raise RuntimeError(
+                    f"{len(self._open)} environments are recorded as one run ({self.folder}), but one of them is not "
+                    f"stepped in turn with the others. {ELSEWHERE} One that is no longer needed must be closed."
+                )
+        mine.steps += 1
+
+    def resetting(self, index: int) -> None:
+        """Count a reset: a vector environment may spend its turn on it."""
+        self._open.get(index, _Turns()).resets += 1
+
+    def completed(self) -> None:
+        """Write the record."""
+        self.finish()
+
+    def closed(self, index: int) -> None:
+        """Write what there is, if this was the last of the environments."""
+        self._open.pop(index, None)
+        if not self._open and not self.held:
+            self.finish()
+
+    def finish(self) -> None:
+        """Write the record, complete or not, unless that has been done; a run without a step leaves nothing."""
+        if self._final or os.getpid() != self._process:
+            return
+        self._final = True
+        with self._owned:
+            if self._log.env_steps:
+                spec = self.spec.model_copy(update={"num_envs": self._log.num_envs})
+                write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
+
+
+@dataclass
+class _Turns:
+    """What one environment of several has done so far."""
+
+    steps: int = 0
+    resets: int = 0
+
+
+_LIVE: Final[dict[Path, _ScriptRun]] = {}
+
+
+def _refuse_to_replace(folder: Path) -> None:
+    if (folder / CHECKPOINT).exists():
+        raise FileExistsError(f"{folder} holds an unfinished run of the command line; use another agent name or out.")
+    if (folder / RECORD).exists() and read(folder / RECORD, RunRecord).status == "complete":
+        raise FileExistsError(f"{folder} holds a complete record; use another seed, agent or out, or remove it.")
+
+
+class Recording:
+    """A block in which every environment of ours that is made is recorded; see `recording`."""
+
+    def __init__(self, arguments: Mapping[str, Any]) -> None:
+        self._arguments = arguments
+        self._paused = False
+        self._runs: dict[Path, _ScriptRun] = {}
+        self._process = os.getpid()
+
+    @property
+    def folders(self) -> list[Path]:
+        """Where the records of this block are or will be."""
+        return list(self._runs)
+
+    @contextlib.contextmanager
+    def paused(self) -> Iterator[None]:
+        """Leave the environments that are made inside unrecorded: those for evaluation."""
+        self._paused = True
+        try:
+            yield
+        finally:
+            self._paused = False
+
+    def made(self, env: AnyEnv) -> AnyEnv:
+        """Return what shall be given to whoever made `env`."""
+        if self._paused or env.spec is None or not env.spec.id.startswith(NAMESPACE):
+            return env
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "recording() does not reach into other processes: make the environments in this one, or use "
+                "gymnasium.make_vec, or call record() around a vector environment that has its own processes."
+            )
+        run = _run_of(env, **self._arguments)
+        run.held = True
+        self._runs[run.folder] = run
+        recorded: AnyEnv = run.take_in(env)
+        return recorded
+
+    def finish(self) -> None:
+        """Write the records of what is not complete."""
+        with contextlib.ExitStack() as all_of_them:
+            for run in self._runs.values():
+                all_of_them.callback(run.finish)
+
+
+@contextlib.contextmanager
+def recording(
+    *, out: str | Path, agent: str, seed: int, suite: str | None = None, budget: int | None = None
+) -> Iterator[Recording]:
+    """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
+
+    Each task has one record; environments of the same task are the sub-environments of one run and must be stepped in
+    turn. Make those for evaluation before the block, or inside `with recording.paused():`. When the block ends,
+    whatever is not complete is written as incomplete. A name imported earlier, as in `from gymnasium import make`,
+    is not seen, and neither is what other processes make.
+
+    Args:
+        out: See `record`, as for the others.
+        agent: What tables shall call the method.
+        seed: The seed that the script runs with.
+        suite: Which suite the runs belong to.
+        budget: Environment steps, where no suite has the task.
+
+    Raises:
+        RuntimeError: The block lies within another one.
+    """
+    if hasattr(gymnasium.make, "_records"):
+        raise RuntimeError("recording() blocks cannot lie within one another.")
+    block = Recording({"out": Path(out), "agent": agent, "seed": seed, "suite": suite, "budget": budget})
+    make, make_vec = gymnasium.make, gymnasium.make_vec
+    gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)
+    try:
+        yield block
+    finally:
+        gymnasium.make, gymnasium.make_vec = make, make_vec
+        block.finish()
+    if not block.folders:
+        warnings.warn("Nothing was recorded: no SPRL/ environment was made inside recording().", stacklevel=3)
+
+
+def _recorded(make: Callable[..., AnyEnv], block: Recording) -> Callable[..., AnyEnv]:
+    @functools.wraps(make)
+    def make_recorded(*arguments: Any, **keywords: Any) -> AnyEnv:
+        return block.made(make(*arguments, **keywords))
+
+    make_recorded._records = True  # type: ignore[attr-defined]
+    return make_recorded

@@ -1,0 +1,342 @@
+"""`record` and `recording`: any script's run becomes a record, and none is lost, mixed or replaced."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+import sprl_bench
+from sprl_bench import metrics
+from sprl_bench.recorder import folder as folders
+from sprl_bench.records import RunRecord, read
+
+pytestmark = pytest.mark.usefixtures("fakes")
+
+ID = "SPRL/FourRooms-7x7-v1"
+
+
+def make() -> gymnasium.Env[Any, Any]:
+    return gymnasium.make(ID)
+
+
+def play(env: gymnasium.Env[Any, Any], steps: int, seed: int | None = 0) -> None:
+    """Act at random, and reset when an episode is over."""
+    generator = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    for _ in range(steps):
+        *_, terminated, truncated, _ = env.step(int(generator.integers(3)))
+        if terminated or truncated:
+            env.reset()
+
+
+def play_all(envs: Any, steps: int) -> None:
+    generator = np.random.default_rng(0)
+    envs.reset(seed=0)
+    for _ in range(steps):
+        envs.step(generator.integers(3, size=envs.num_envs))
+
+
+def only_record(out: Path) -> RunRecord:
+    (path,) = out.rglob("record.json")
+    return read(path, RunRecord)
+
+
+def episodes(out: Path) -> dict[str, list[Any]]:
+    import pyarrow.parquet
+
+    (path,) = out.rglob("episodes.parquet")
+    columns: dict[str, list[Any]] = pyarrow.parquet.read_table(path).to_pydict()
+    return columns
+
+
+def test_a_single_environment_is_recorded_at_its_budget(tmp_path: Path) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=3, budget=400)
+    play(env, 399)
+    assert not list(tmp_path.rglob("record.json"))
+    env.step(0)
+    path = tmp_path / "custom" / "FourRooms-7x7-400" / "mine" / "seed-3" / "record.json"
+    record = read(path, RunRecord)
+    content = path.read_bytes()
+    play(env, 300)
+    env.close()
+    assert path.read_bytes() == content
+
+    assert record.status == "complete"
+    assert (record.spec.agent, record.spec.seed, record.spec.num_envs, record.spec.source) == ("mine", 3, 1, "")
+    table = episodes(tmp_path)
+    assert list(table) == ["stamp", "env", "return", "length", "success"]
+    assert record.totals.episodes == len(table["stamp"]) > 3
+    assert record.totals.env_steps == 400
+    assert record.return_curve == tuple(metrics.curve(table["stamp"], table["return"], 400).tolist())
+    assert record.success_curve == tuple(metrics.curve(table["stamp"], table["success"], 400).tolist())
+    assert {"python", "numpy", "gymnasium", "minigrid", "sprl-bench"} <= set(record.versions)
+    assert sorted(path.name for path in path.parent.iterdir()) == ["episodes.parquet", "record.json"]
+
+
+def test_the_recorder_changes_nothing(tmp_path: Path) -> None:
+    env, plain = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0), make()
+    assert isinstance(env, gymnasium.Env)
+    assert (env.observation_space, env.action_space) == (plain.observation_space, plain.action_space)
+    np.testing.assert_equal(env.reset(seed=5), plain.reset(seed=5))
+    for action in np.random.default_rng(0).integers(7, size=40).tolist():
+        result = env.step(action)
+        np.testing.assert_equal(result, plain.step(action))
+        if result[2] or result[3]:
+            break
+
+
+def test_all_ways_to_make_three_environments_give_the_same_curve(tmp_path: Path) -> None:
+    """Our engine, Gymnasium's vector env, and three single ones in turn: one MDP, one score."""
+    common: dict[str, Any] = {"agent": "mine", "seed": 0, "budget": 900}
+    engine = sprl_bench.record(gymnasium.make_vec(ID, 3), out=tmp_path / "engine", **common)
+    sync = SyncVectorEnv([make] * 3, autoreset_mode="SameStep")
+    sync = sprl_bench.record(sync, out=tmp_path / "sync", **common)
+    inside = [lambda: sprl_bench.record(make(), out=tmp_path / "inside", **common)] * 3
+    for envs in (engine, sync, SyncVectorEnv(inside, autoreset_mode="SameStep")):
+        play_all(envs, 300)
+        envs.close()
+    first = only_record(tmp_path / "engine")
+    assert first.status == "complete"
+    assert first.totals.episodes >= 6
+    for way in ("sync", "inside"):
+        other = only_record(tmp_path / way)
+        assert other.return_curve == first.return_curve
+        assert (other.totals, other.spec, other.fingerprint) == (first.totals, first.spec, first.fingerprint)
+        assert episodes(tmp_path / way) == episodes(tmp_path / "engine")
+
+
+def test_environments_that_reset_by_themselves_a_step_later_are_in_turn(tmp_path: Path) -> None:
+    def inside() -> gymnasium.Env[Any, Any]:
+        return sprl_bench.record(make(), out=tmp_path / "inside", agent="mine", seed=0, budget=900)
+
+    engine = gymnasium.make_vec(ID, 3, autoreset_mode="NextStep")
+    engine = sprl_bench.record(engine, out=tmp_path / "engine", agent="mine", seed=0, budget=900)
+    for envs in (engine, SyncVectorEnv([inside] * 3, autoreset_mode="NextStep")):
+        play_all(envs, 310)
+    assert only_record(tmp_path / "inside").status == "complete"
+    assert episodes(tmp_path / "inside") == episodes(tmp_path / "engine")
+
+
+def test_stable_baselines_trains_inside_a_block(tmp_path: Path) -> None:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    with sprl_bench.recording(out=tmp_path, agent="sb3", seed=1, budget=256) as recording:
+        with recording.paused():
+            evaluation = make_vec_env(ID, 1)
+        envs = make_vec_env(ID, 2, seed=1)
+        assert type(envs.envs[0]).__name__ == "Monitor"
+        assert type(evaluation.envs[0].env).__name__ != "EnvRecorder"
+        PPO("MlpPolicy", envs, n_steps=64, n_epochs=1, batch_size=64, device="cpu").learn(256)
+        evaluation.reset()
+        for _ in range(5):
+            evaluation.step([0])
+    record = only_record(tmp_path)
+    assert recording.folders == [record.spec.path(tmp_path)]
+    assert (record.status, record.spec.num_envs, record.totals.env_steps) == ("complete", 2, 256)
+
+
+def test_an_evaluation_environment_that_was_not_kept_out_is_noticed_at_once(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0):
+        train, evaluation = gymnasium.make(ID), gymnasium.make(ID)
+        evaluation.reset(seed=0)
+        with pytest.raises(RuntimeError, match=r"not stepped in turn .* recording.paused\(\)"):
+            play(train, 10)
+
+
+def test_an_evaluation_environment_that_comes_later_is_refused(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0) as recording:
+        play(gymnasium.make(ID), 10)
+        with pytest.raises(ValueError, match=r"being recorded already. .* recording.paused\(\)"):
+            gymnasium.make(ID)
+        with recording.paused():
+            play(gymnasium.make(ID), 50)
+        gymnasium.make("CartPole-v1")
+    assert only_record(tmp_path).totals.env_steps == 10
+
+
+def test_an_environment_that_was_only_looked_at_is_no_member(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0):
+        gymnasium.make(ID).close()
+        assert gymnasium.make(ID).action_space.n == 7
+        gc.collect()
+        play(gymnasium.make(ID), 10)
+    assert only_record(tmp_path).totals.env_steps == 10
+
+
+def test_a_block_records_each_task_and_puts_gymnasium_back(tmp_path: Path) -> None:
+    before = gymnasium.make, gymnasium.make_vec
+    with (
+        contextlib.suppress(ZeroDivisionError),
+        sprl_bench.recording(out=tmp_path, agent="mine", seed=0, suite="grid") as block,
+    ):
+        play_all(gymnasium.make_vec(ID, 2), 60)
+        play(gymnasium.make("SPRL/KeyDoors-7x7-v1"), 10)
+        with (
+            pytest.raises(RuntimeError, match="cannot lie within one another"),
+            sprl_bench.recording(out=tmp_path, agent="other", seed=0),
+        ):
+            pass
+        raise ZeroDivisionError
+    assert (gymnasium.make, gymnasium.make_vec) == before
+    assert [folder.parent.parent.name for folder in block.folders] == ["FourRooms-7x7", "KeyDoors-7x7"]
+    found = [read(folder / "record.json", RunRecord) for folder in block.folders]
+    assert [record.status for record in found] == ["incomplete", "incomplete"]
+    assert [record.totals.env_steps for record in found] == [120, 10]
+
+
+def test_a_block_that_recorded_nothing_says_so(tmp_path: Path) -> None:
+    with (
+        pytest.warns(UserWarning, match="Nothing was recorded"),
+        sprl_bench.recording(out=tmp_path, agent="mine", seed=0),
+    ):
+        gymnasium.make("CartPole-v1")
+
+
+def test_closing_early_leaves_an_incomplete_record(tmp_path: Path) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0)
+    play(env, 250)
+    env.close()
+    env.close()
+    record = only_record(tmp_path)
+    assert (record.status, record.totals.env_steps) == ("incomplete", 250)
+    assert record.spec.suite == "grid"
+
+
+def test_a_forgotten_environment_leaves_an_incomplete_record(tmp_path: Path) -> None:
+    play(sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0), 10)
+    gc.collect()
+    assert only_record(tmp_path).totals.env_steps == 10
+
+
+@pytest.mark.parametrize("end", ["", "raise ZeroDivisionError"])
+def test_the_end_of_the_process_leaves_an_incomplete_record(tmp_path: Path, end: str) -> None:
+    script = f"""
+import sys, gymnasium, sprl_bench
+env = sprl_bench.record(gymnasium.make("{ID}"), out=r"{tmp_path}", agent="mine", seed=0)
+env.reset(seed=0)
+for _ in range(120): env.step(0) if _ != 100 else env.reset()
+{end}
+"""
+    subprocess.run([sys.executable, "-W", "error", "-c", script], check=not end, timeout=120, capture_output=True)
+    record = only_record(tmp_path)
+    assert (record.status, record.totals.env_steps, record.totals.episodes) == ("incomplete", 119, 1)
+
+
+def test_an_incomplete_record_may_be_replaced_and_a_complete_one_not(tmp_path: Path) -> None:
+    common: dict[str, Any] = {"out": tmp_path, "agent": "mine", "seed": 0, "budget": 100}
+    env = sprl_bench.record(make(), **common)
+    play(env, 50)
+    env.close()
+    env = sprl_bench.record(make(), **common)
+    play(env, 100)
+    with pytest.raises(FileExistsError, match="holds a complete record; use another seed, agent or out"):
+        sprl_bench.record(make(), **common)
+    env.close()
+    assert only_record(tmp_path).totals.env_steps == 100
+
+
+def test_an_environment_that_took_no_step_leaves_nothing(tmp_path: Path) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0)
+    env.reset()
+    env.close()
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_another_process_that_records_the_same_run_is_noticed(tmp_path: Path) -> None:
+    script = f"""
+import gymnasium, sprl_bench
+sprl_bench.record(gymnasium.make("{ID}"), out=r"{tmp_path}", agent="mine", seed=0)
+"""
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 1
+    assert "is in use by another process (process" in done.stderr
+    env.close()
+
+
+def test_an_unfinished_run_of_the_command_line_is_left_alone(tmp_path: Path) -> None:
+    place = tmp_path / "grid" / "FourRooms-7x7" / "ppo" / "seed-0"
+    place.mkdir(parents=True)
+    (place / folders.CHECKPOINT).touch()
+    with pytest.raises(FileExistsError, match="an unfinished run of the command line"):
+        sprl_bench.record(make(), out=tmp_path, agent="ppo", seed=0)
+    assert [path.name for path in place.iterdir()] == [folders.CHECKPOINT]
+
+
+def test_what_is_recorded_cannot_be_recorded_again(tmp_path: Path) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0)
+    with pytest.raises(ValueError, match="EnvRecorder lies beneath the recorder"):
+        sprl_bench.record(env, out=tmp_path, agent="mine", seed=1)
+    envs = sprl_bench.record(gymnasium.make_vec(ID, 2), out=tmp_path, agent="other", seed=0)
+    with pytest.raises(ValueError, match="VectorRecorder lies beneath the recorder"):
+        sprl_bench.record(envs, out=tmp_path, agent="other", seed=1)
+    with pytest.raises(ValueError, match="being recorded already"):
+        sprl_bench.record(gymnasium.make_vec(ID, 2), out=tmp_path, agent="other", seed=0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": -1}, "seed: "),
+        ({"seed": True}, "seed: "),
+        ({"seed": "0"}, "seed: "),
+        ({"agent": "a/b"}, "agent: 'a/b' cannot name a folder"),
+        ({"agent": ""}, "agent: "),
+        ({"suite": "smok"}, "Unknown suite 'smok'; did you mean 'smoke'"),
+        ({"budget": -5}, "budget is -5"),
+        ({"hyperparameters": {"f": print}}, "hyperparameters must be plain, finite values"),
+        ({"hyperparameters": {"f": float("nan")}}, "hyperparameters must be plain, finite values"),
+    ],
+)
+def test_bad_arguments_are_named_in_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as raised:
+        sprl_bench.record(make(), **{"out": tmp_path, "agent": "mine", "seed": 0, **changes})
+    assert "\n" not in str(raised.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_hyperparameters_and_privileges_are_noted(tmp_path: Path) -> None:
+    env = sprl_bench.record(
+        make(), out=tmp_path, agent="mine", seed=0, budget=5, privileged=True, hyperparameters={"widths": (3, 4)}
+    )
+    play(env, 5)
+    record = only_record(tmp_path)
+    assert record.spec.privileged
+    assert record.spec.hyperparameters == {"widths": [3, 4]}
+
+
+def test_an_environment_of_no_suite_is_recorded_with_a_budget(tmp_path: Path) -> None:
+    env = sprl_bench.record(gymnasium.make("CartPole-v1"), out=tmp_path, agent="mine", seed=0, budget=60)
+    env.reset(seed=0)
+    for _ in range(60):
+        *_, terminated, truncated, _ = env.step(1)
+        if terminated or truncated:
+            env.reset()
+    record = only_record(tmp_path)
+    assert record.spec.path(tmp_path) == tmp_path / "custom" / "CartPole-v1-60" / "mine" / "seed-0"
+    assert record.totals.successes == 0
+    assert record.totals.mean_return == record.totals.mean_length > 5
+
+
+def test_what_cannot_be_written_leaves_nothing_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, budget=10)
+    play(env, 9)
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        with pytest.raises(OSError, match="No space left"):
+            env.step(0)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
