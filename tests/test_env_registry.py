@@ -12,7 +12,8 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import sprl_bench
-from sprl_bench.envs import IDS, register
+from sprl_bench.envs import GRID_IDS as IDS
+from sprl_bench.envs import register
 
 
 def in_fresh_interpreter(code: str) -> str:

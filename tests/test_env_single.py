@@ -20,7 +20,7 @@ from minigrid.envs import DoorKeyEnv, FourRoomsEnv
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench import solver
-from sprl_bench.envs import IDS
+from sprl_bench.envs import GRID_IDS as IDS
 from sprl_bench.envs.grid import encoding
 
 # What the checkers may say, and why it is no fault.

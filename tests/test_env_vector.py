@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import sprl_bench  # noqa: F401 - registers the ids
-from sprl_bench.envs import IDS
+from sprl_bench.envs import GRID_IDS as IDS
 from sprl_bench.envs.threads import Threads, usable_cores
 
 NEVER_SEEN = "ignore:The system font .* couldn't be found"  # pygame, on machines without that font

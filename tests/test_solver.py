@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench import solver
-from sprl_bench.envs import IDS
+from sprl_bench.envs import GRID_IDS as IDS
 from sprl_bench.envs.grid.encoding import AGENT, CLOSED, DONE, DOOR, EMPTY, GOAL, GREY, KEY, LOCKED, OPEN, WALL, YELLOW
 
 
