@@ -54,15 +54,16 @@ def steered(observation: dict[str, np.ndarray], rng: np.random.Generator, clock:
     return np.append(10 * (aim - grip), 1.0 if np.linalg.norm(thing - grip) > 0.03 else -1.0)
 
 
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 20), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("task", TASKS)
-def test_neutral_arguments_equal_upstream_bit_for_bit(task: str, reference: None) -> None:
+def test_neutral_arguments_equal_upstream_bit_for_bit(task: str, seeds: range, reference: None) -> None:
     ours = gymnasium.make(f"SPRL/Fetch{task}Sparse-v1", terminate_on_goal=False, observation="goal")
     theirs = gymnasium.make(f"Fetch{task}-v4", max_episode_steps=50)
     assert ours.action_space == theirs.action_space
     assert ours.observation_space == theirs.observation_space
     rng = np.random.default_rng(0)
     successes = 0
-    for seed in range(20):
+    for seed in seeds:
         mine, info = ours.reset(seed=seed)
         yours, _ = theirs.reset(seed=seed)
         for clock in range(200):
@@ -78,7 +79,7 @@ def test_neutral_arguments_equal_upstream_bit_for_bit(task: str, reference: None
             if truncated:
                 mine, info = ours.reset()
                 yours, _ = theirs.reset()
-    assert successes > 0 or task == "Slide"
+    assert successes > 0
     ours.close()
     theirs.close()
 
