@@ -67,7 +67,7 @@ def synthetic_record(
     return RunRecord(**{**fields, **changes})
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_record() -> MakeRecord:
     return synthetic_record
 
