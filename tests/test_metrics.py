@@ -240,7 +240,7 @@ def test_values_and_intervals_agree_with_rliable(matrix: str, name: str) -> None
     scores, statistic = np.asarray(rows), {"mean": metrics.mean, "iqm": metrics.iqm}[name]
     assert float(statistic(scores)) == pytest.approx(value, abs=1e-5)
     interval = metrics.bootstrap_interval(scores, statistic, np.random.default_rng(11))
-    # One call with 20,000 resamples moved by up to 0.7 % of the width from call to call, so one with 10,000 moves by 1 %
+    # From call to call with 20,000 resamples they moved by up to 0.7 % of the width, so with 10,000 by 1 %
     # (standard deviations): 5 % is far outside of that.
     assert interval is not None
     assert_allclose(interval, (low, high), atol=0.05 * (high - low))
