@@ -6,6 +6,7 @@ was interrupted goes on from its last checkpoint and comes to exactly what it wo
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
@@ -79,7 +80,8 @@ def run(
             return record
         remove_leftovers(folder)
         write(folder / SPEC, spec)
-        with _Session(spec, folder) as session, _Signals() as signals:
+        with contextlib.ExitStack() as opened, _Signals() as signals:
+            session = _Session(spec, folder, opened)
             _train(session, checkpoint_every_s, lambda: signals.received or stop())
             return session.finish()
 
@@ -136,9 +138,15 @@ def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool
 
 
 class _Session:
-    """A run while this process works on it: the agent, the recorded environments, the clock and the open files."""
+    """A run while this process works on it: the agent, the recorded environments, the clock and the open files.
 
-    def __init__(self, spec: RunSpec, folder: Path) -> None:
+    Args:
+        spec: The run.
+        folder: Its folder; if a checkpoint lies there, the run goes on from it.
+        opened: Takes over the closing of what is opened.
+    """
+
+    def __init__(self, spec: RunSpec, folder: Path, opened: contextlib.ExitStack) -> None:
         self.spec, self._folder = spec, folder
         self._started = time.perf_counter()
         self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
@@ -146,23 +154,14 @@ class _Session:
         factory = load_factory(spec.source or spec.agent)
         _set_up_process(spec)
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
-        self._envs = VectorRecorder(
-            make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments), budget=spec.task.budget
-        )
-        self._metrics = (folder / METRICS).open("ab")
-
-    def __enter__(self) -> Self:
-        self._envs.reset(seed=env_seed(self.spec))
+        envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments)
+        self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget)))
+        self._envs.reset(seed=env_seed(spec))
         state = self._saved_state()
-        if state is None:
-            self._metrics.truncate(0)
-        else:
+        self._metrics = opened.enter_context((folder / METRICS).open("ab"))
+        self._metrics.truncate(state["metrics_bytes"] if state else 0)
+        if state:
             self._restore(state)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._metrics.close()
-        self._envs.close()
 
     @property
     def env_steps(self) -> int:
@@ -242,7 +241,6 @@ class _Session:
         self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
         self._envs.episode_log.load_state_dict(state["log"])
         self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
-        self._metrics.truncate(state["metrics_bytes"])
         self._earlier_s, self._earlier_peak_mib = state["wall_time_s"], state["peak_memory_mib"]
         self._commits = list(dict.fromkeys([*state["git_commits"], *self._commits]))
         logger.info("%s goes on after %d env steps.", self._folder, self.env_steps)

@@ -6,12 +6,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import hypothesis
 import numpy as np
 import pytest
 
 from sprl_bench import records
 from sprl_bench.records import Hardware, RunRecord, RunSpec, Scores, TaskSpec, Totals
 from sprl_bench.tasks import SUITES
+
+hypothesis.settings.register_profile("patient", deadline=None)  # a busy machine is no failure
+hypothesis.settings.load_profile("patient")
 
 MakeRecord = Callable[..., RunRecord]
 
@@ -63,7 +67,7 @@ def synthetic_record(
     return RunRecord(**{**fields, **changes})
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_record() -> MakeRecord:
     return synthetic_record
 

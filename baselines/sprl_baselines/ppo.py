@@ -175,7 +175,7 @@ class PPO:
 
     def _evaluate(self, batch: Samples) -> tuple[Distribution, Tensor]:
         """The present policy and values `[B]` at a batch's observations, each distinct one computed once."""
-        needed, places = batch.places.unique(return_inverse=True)
+        needed, places = batch.places.unique(return_inverse=True)  # type: ignore[no-untyped-call]
         distribution, values = self.network(batch.distinct_observations.index_select(0, needed))
         return distribution.take(places), values.index_select(0, places)
 

@@ -22,7 +22,7 @@ from sprl_bench.tasks import find_suite
 
 Setting = Mapping[str, Any]
 
-BUDGETS = {"FourRooms-7x7": 300_000, "FourRooms-11x11": 400_000}
+BUDGETS = {"FourRooms-7x7": 300_000, "FourRooms-11x11": 200_000}
 SEEDS = (0,)
 SETTINGS: list[Setting] = [
     {

@@ -70,7 +70,8 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
     for outcome in failed:
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)
-    typer.echo(f"Records: {out}/SUITE/TASK/AGENT/seed-N/record.json")
+    for suite in sorted({spec.suite for spec in specs}):
+        typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
     typer.echo(f"Next:    sprl-bench table {out} --format md")
     typer.echo(f"         sprl-bench plot {out} -o curves.png")
     if failed:

@@ -2,7 +2,16 @@
 
 from __future__ import annotations
 
-from sprl_bench.leaderboard.boards import (
+from sprl_bench.leaderboard.comparing import (
+    COMPARISON_FORMATS,
+    Comparison,
+    Difference,
+    compare,
+    render_comparisons,
+)
+from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.leaderboard.making import check_suite, make_entry
+from sprl_bench.leaderboard.published import (
     add_entry,
     board,
     boards,
@@ -13,15 +22,6 @@ from sprl_bench.leaderboard.boards import (
     schema,
     validate,
 )
-from sprl_bench.leaderboard.comparing import (
-    COMPARISON_FORMATS,
-    Comparison,
-    Difference,
-    compare,
-    render_comparisons,
-)
-from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
-from sprl_bench.leaderboard.making import check_suite, make_entry
 
 __all__ = [
     "COMPARISON_FORMATS",

@@ -221,7 +221,7 @@ def _suite_notes(results: Sequence[Result]) -> list[str]:
     """Say where the runs were not what the suite asks for."""
     suite = SUITES.get(results[0].suite)
     if suite is None:
-        return [f"Suite {results[0].suite!r} is none of ours; not comparable with published scores."]
+        return ["These runs are of no published suite; not comparable with published scores."]
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}

@@ -1,0 +1,185 @@
+"""PPO end to end, acting and learning, against Stable-Baselines3's and against the processor's matrix products.
+
+Both learners train the network of appendix D.3 on FourRooms 7x7 with the same sub-environments, rollouts, epochs,
+minibatches and number of torch threads. Each runs as its users run it: ours on the batched engine, theirs on the single
+environment in a `DummyVecEnv`.
+
+Our learner computes an observation that repeats within a minibatch once, so its rate falls as the policy learns to
+waste fewer steps. Hence a row in which no observation ever repeats: the least that a policy can make of it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from math import prod
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium.vector import VectorEnv, VectorWrapper
+from sprl_baselines.agents import ppo
+from sprl_baselines.networks import LARGEST_CODES
+from torch import nn
+from torch.nn import functional
+
+import sprl_bench  # noqa: F401 - registers the ids
+from benchmarks.measure import Contender, Row, compare, missing, table
+
+__all__ = ["main", "rows"]
+
+TASK = "SPRL/FourRooms-7x7-v1"
+SETTINGS = ppo.hyperparameters("grid", {})
+TURN: int = SETTINGS["num_envs"] * SETTINGS["rollout_length"]  # env steps: one rollout and one update
+BAR, SHARE_OF_LIMIT = 4, 0.35
+REPEATS = 5
+
+# Multiplications and additions for one observation: three convolutions, the wide layer, the two heads.
+CELLS, WIDTH, ACTIONS = 7 * 7, 512, 7
+CONVOLUTIONS = ((3, 16), (32, 8), (16, 8))  # channels in and out, each with a 2x2 kernel
+FORWARD = 2 * (CELLS * sum(4 * prod(pair) for pair in CONVOLUTIONS) + CELLS * 16 * WIDTH + WIDTH * (ACTIONS + 1))
+WORK_PER_STEP = FORWARD * (1 + 3 * SETTINGS["epochs"])  # act once; a gradient costs three times a forward pass
+
+
+def rows() -> list[Row]:
+    """Measure all rows; takes about three minutes."""
+    torch.set_flush_denormal(True)
+    against = [_against_sb3(threads) for threads in (1, 2)]
+    return [*against, _against_sb3(1, repeats_observations=False), *(_against_the_limit(threads) for threads in (1, 2))]
+
+
+def main() -> None:
+    """Print the table."""
+    print(table(rows()))
+
+
+def _against_sb3(threads: int, *, repeats_observations: bool = True) -> Row:
+    what = f"PPO, FourRooms 7x7, {_threads(threads)}" + ("" if repeats_observations else ", no observation repeats")
+    against = f"Stable-Baselines3 on DummyVecEnv, {_threads(threads)}"
+    if importlib.util.find_spec("stable_baselines3") is None:
+        return missing(what, against, bar=BAR)
+    ours = _ours(threads, repeats_observations=repeats_observations)
+    return compare(what, ours, against, _sb3(threads), bar=BAR, repeats=REPEATS)
+
+
+def _against_the_limit(threads: int) -> Row:
+    what = f"PPO, FourRooms 7x7, {_threads(threads)}, no observation repeats"
+    against = f"the matrix products that every step needs, {WORK_PER_STEP / 1e6:.1f} MFLOP"
+    ours = _ours(threads, repeats_observations=False)
+    return compare(what, ours, against, _products(threads), bar=SHARE_OF_LIMIT, repeats=REPEATS)
+
+
+def _threads(count: int) -> str:
+    return f"{count} thread" + "s" * (count > 1)
+
+
+def _ours(threads: int, *, repeats_observations: bool) -> Contender:
+    envs: VectorEnv[Any, Any, Any] = gymnasium.make_vec(TASK, num_envs=SETTINGS["num_envs"], num_threads=1)
+    if not repeats_observations:
+        envs = Numbered(envs)
+    envs.reset(seed=0)
+    updates = ppo(seed=0, **SETTINGS).train(envs, budget=10**9)
+
+    def turn() -> int:
+        torch.set_num_threads(threads)
+        next(updates)
+        return TURN
+
+    return turn
+
+
+class Numbered(VectorWrapper[Any, Any, Any]):
+    """Writes a running number, in digits below 8, into the upper wall, so that no observation occurs twice."""
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(envs)
+        self._count = 0
+
+    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
+        """Reset, and number the observations."""
+        observations, infos = self.env.reset(**arguments)
+        return self._numbered(observations), infos
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Step, and number the observations."""
+        observations, *rest = self.env.step(actions)
+        return self._numbered(observations), *rest
+
+    def _numbered(self, observations: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """Number the observations `[N, H, W, 3]`, in place."""
+        numbers = self._count + np.arange(len(observations))
+        self._count += len(observations)
+        width = observations.shape[2]
+        observations[:, 0, :, 1] = numbers[:, None] // 8 ** np.arange(width) % 8
+        return observations
+
+
+def _sb3(threads: int) -> Contender:
+    from stable_baselines3 import PPO  # noqa: PLC0415 - optional
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: PLC0415
+    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415
+
+    class AppendixNetwork(BaseFeaturesExtractor):  # type: ignore[misc,unused-ignore]  # untyped where it is not installed
+        """The same layers in the plainest form; SB3 hands over images with their channels first."""
+
+        def __init__(self, space: gymnasium.spaces.Box) -> None:
+            super().__init__(space, WIDTH)
+            self.scale = nn.Parameter(torch.tensor(LARGEST_CODES).view(1, 3, 1, 1).float(), requires_grad=False)
+            self.convolutions = nn.ModuleList(nn.Conv2d(*pair, 2) for pair in CONVOLUTIONS)
+            self.wide = nn.Linear(CELLS * 16, WIDTH)
+
+        def forward(self, images: torch.Tensor) -> torch.Tensor:
+            images = images / self.scale
+            for convolution in self.convolutions:
+                images = convolution(functional.pad(images, (0, 1, 0, 1)))
+                images = torch.relu(torch.cat((images, -images), dim=1))
+            return torch.relu(self.wide(images.flatten(1)))
+
+    envs = DummyVecEnv([lambda: gymnasium.make(TASK)] * SETTINGS["num_envs"])
+    model = PPO(
+        "CnnPolicy",
+        envs,
+        learning_rate=SETTINGS["learning_rate"],
+        n_steps=SETTINGS["rollout_length"],
+        batch_size=TURN // SETTINGS["minibatches"],
+        n_epochs=SETTINGS["epochs"],
+        gamma=SETTINGS["gamma"],
+        gae_lambda=SETTINGS["gae_lambda"],
+        clip_range=SETTINGS["clip_range"],
+        clip_range_vf=SETTINGS["clip_range"],
+        ent_coef=SETTINGS["entropy_coefficient"],
+        policy_kwargs={
+            "features_extractor_class": AppendixNetwork,
+            "net_arch": [],
+            "normalize_images": False,
+        },
+        seed=0,
+        device="cpu",
+    )
+
+    def turn() -> int:
+        torch.set_num_threads(threads)
+        model.learn(TURN, reset_num_timesteps=False)
+        return TURN
+
+    return turn
+
+
+def _products(threads: int) -> Contender:
+    """Return nothing but the widest layer's product, as often as one turn's arithmetic asks for."""
+    batch = TURN // SETTINGS["minibatches"]
+    left, right = torch.randn(batch, CELLS * 16), torch.randn(CELLS * 16, WIDTH)
+    times = round(TURN * WORK_PER_STEP / (2 * batch * CELLS * 16 * WIDTH))
+
+    def turn() -> int:
+        torch.set_num_threads(threads)
+        for _ in range(times):
+            left @ right
+        return TURN
+
+    return turn
+
+
+if __name__ == "__main__":
+    main()

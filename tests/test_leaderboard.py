@@ -1,0 +1,434 @@
+"""Leaderboards: what an entry must hold, what is refused and where, and what is computed from entries."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sprl_bench import leaderboard
+from sprl_bench.leaderboard import Entry
+from sprl_bench.records import Hardware, InvalidFileError, RunRecord
+from sprl_bench.tables import FORMATS, IncomparableError, MissingRunsError, render
+
+MakeRecord = Callable[..., RunRecord]
+Make = Callable[..., Entry]
+FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
+ROOT = Path(__file__).parent.parent
+
+
+def make_entry(records: Sequence[RunRecord], agent: str = "ppo", **changes: Any) -> Entry:
+    arguments: dict[str, Any] = {"authors": ["Ada L."], "link": "https://example.org/paper_1", **changes}
+    return leaderboard.make_entry(records, agent=agent, **arguments)
+
+
+@pytest.fixture
+def home(grid_7x7: list[RunRecord], tmp_path: Path) -> Path:
+    """A folder of boards with two entries."""
+    for agent in ("ppo", "random"):
+        leaderboard.add_entry(make_entry(grid_7x7, agent), tmp_path / "boards")
+    return tmp_path / "boards"
+
+
+def test_an_entry_holds_every_seed(grid_7x7: list[RunRecord]) -> None:
+    entry = make_entry(grid_7x7, status="reproduced")
+    assert (entry.agent, entry.authors, entry.status, entry.privileged) == ("ppo", ("Ada L.",), "reproduced", False)
+    assert (entry.suite, entry.suite_version) == ("grid-7x7", 1)
+    assert [part.task.name for part in entry.tasks] == [FOUR, KEY]
+    assert [part.seeds for part in entry.tasks] == [(0, 1, 2, 3, 4)] * 2
+    record = next(record for record in grid_7x7 if record.spec.task.name == KEY and record.spec.seed == 3)
+    result = entry.tasks[1].results[3]
+    assert (result.scores, result.return_curve) == (record.scores, record.return_curve)
+    assert (result.success_curve, result.device) == (record.success_curve, "cpu")
+    assert entry.tasks[1].hyperparameters == record.spec.hyperparameters
+    assert entry.tasks[1].fingerprint == "golden-KeyDoors-7x7"
+    assert entry.versions == record.versions
+    assert entry.hardware == (record.hardware,)
+
+
+def test_an_entry_comes_back_and_is_valid(home: Path, grid_7x7: list[RunRecord]) -> None:
+    path = home / "grid-7x7" / "ppo.json"
+    assert leaderboard.read_entry(path) == make_entry(grid_7x7)
+    assert leaderboard.validate(sorted(home.glob("*/*.json"))) == []
+    assert [entry.agent for entry in leaderboard.find_entries(home / "grid-7x7")] == ["ppo", "random"]
+
+
+def test_an_entry_is_never_overwritten_unasked(home: Path, grid_7x7: list[RunRecord]) -> None:
+    path = home / "grid-7x7" / "ppo.json"
+    before = path.read_bytes()
+    changed = make_entry(grid_7x7, authors=["Eve"])
+    with pytest.raises(FileExistsError, match="--replace"):
+        leaderboard.add_entry(changed, home)
+    assert path.read_bytes() == before
+    assert leaderboard.add_entry(changed, home, replace=True) == path
+    assert leaderboard.read_entry(path).authors == ("Eve",)
+
+
+def test_ragged_runs_are_never_published(grid_7x7: list[RunRecord]) -> None:
+    ragged = [record for record in grid_7x7 if (record.spec.task.name, record.spec.seed) != (KEY, 4)]
+    with pytest.raises(MissingRunsError, match=f"same seeds on all tasks.*1 run is missing: {KEY}/ppo/seed-4"):
+        make_entry(ragged)
+
+
+def test_half_a_suite_is_never_published(grid_7x7: list[RunRecord]) -> None:
+    with pytest.raises(MissingRunsError, match="5 runs are missing"):
+        make_entry([record for record in grid_7x7 if record.spec.task.name == FOUR])
+
+
+def test_incomplete_and_planned_runs_are_missing(grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
+    more = make_record("ppo", FOUR, 5, suite="grid-7x7")
+    with pytest.raises(MissingRunsError, match="2 runs are missing"):
+        make_entry(grid_7x7, planned=[more.spec])
+    with pytest.raises(MissingRunsError, match="2 runs are missing"):
+        make_entry([*grid_7x7, more.model_copy(update={"status": "incomplete"})])
+    assert make_entry(grid_7x7, planned=[make_record("other", FOUR, 9, suite="grid-7x7").spec])
+
+
+def test_fewer_than_five_seeds_are_never_published(grid_7x7: list[RunRecord]) -> None:
+    with pytest.raises(MissingRunsError, match="needs at least 5 seeds; ppo has 4"):
+        make_entry([record for record in grid_7x7 if record.spec.seed < 4])
+
+
+def test_another_budget_is_never_published(make_record: MakeRecord) -> None:
+    records = [make_record(seed=seed, task_changes={"budget": 1_000}) for seed in range(5)]
+    with pytest.raises(ValueError, match=r"tasks\.0\.task\.budget: it is 1000, the suite's is 20000"):
+        make_entry(records)
+
+
+def test_runs_of_no_suite_are_never_published(make_record: MakeRecord) -> None:
+    records = [make_record(seed=seed) for seed in range(5)]
+    custom = [
+        record.model_copy(update={"spec": record.spec.model_copy(update={"suite": "custom"})}) for record in records
+    ]
+    with pytest.raises(ValueError, match="Unknown suite 'custom'"):
+        make_entry(custom)
+
+
+def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> None:
+    def runs(**changes: Any) -> list[RunRecord]:
+        return [make_record(seed=seed) for seed in range(4)] + [make_record(seed=4, **changes)]
+
+    with pytest.raises(IncomparableError, match="fingerprint differs"):
+        make_entry(runs(fingerprint="other"))
+    with pytest.raises(IncomparableError, match="hyperparameters differs"):
+        make_entry(runs(hyperparameters={}))
+    with pytest.raises(IncomparableError, match=r"one version of numpy; these runs have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"):
+        make_entry(runs(versions={"numpy": "1.0"}))
+    for field, value in (("torch_threads", 2), ("source", "other:ppo"), ("num_envs", 3)):
+        last = make_record(seed=4)
+        changed = last.model_copy(update={"spec": last.spec.model_copy(update={field: value})})
+        with pytest.raises(IncomparableError, match=f"{field} differs between seeds"):
+            make_entry([*runs()[:4], changed])
+
+
+def test_what_no_score_depends_on_may_differ_and_is_kept(make_record: MakeRecord) -> None:
+    records = [make_record(seed=seed, versions={"numpy": "2.4.6", "rich": f"{seed % 2}"}) for seed in range(5)]
+    other = Hardware(cpu="another", cores=8, memory_gib=16.0)
+    entry = make_entry([*records[:4], records[4].model_copy(update={"hardware": other})])
+    assert entry.versions == {"numpy": "2.4.6", "rich": "0, 1"}
+    assert {machine.cpu for machine in entry.hardware} == {"made up", "another"}
+
+
+def test_an_unknown_agent_or_suite_is_refused(grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
+    with pytest.raises(ValueError, match="did you mean 'random'"):
+        make_entry(grid_7x7, "randon")
+    with pytest.raises(ValueError, match="did you mean 'grid-7x7'"):
+        make_entry(grid_7x7, suite="grid-7x")
+    with pytest.raises(MissingRunsError, match="'ppo' has no finished run of suite 'grid'"):
+        make_entry(grid_7x7, suite="grid")
+    both = [*grid_7x7, *(make_record("ppo", seed=seed) for seed in range(5))]
+    with pytest.raises(ValueError, match=r"several suites.*grid-7x7, smoke"):
+        make_entry(both)
+    assert make_entry(both, suite="smoke").suite == "smoke"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"authors": []}, "authors: "),
+        ({"authors": [" "]}, r"authors\.0: "),
+        ({"authors": ["a\nb"]}, r"authors\.0: "),
+        ({"link": "example.org"}, "link: 'example.org' is not a link"),
+        ({"link": "javascript://x.y"}, "link: "),
+        ({"link": "https://a.b/ c"}, "link: "),
+        ({"status": "true"}, "status: "),
+    ],
+)
+def test_what_an_entry_says_of_itself_is_checked(
+    changes: dict[str, Any], message: str, grid_7x7: list[RunRecord]
+) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        make_entry(grid_7x7, **changes)
+    assert "\n" not in str(caught.value)
+
+
+Edit = Callable[[dict[str, Any]], None]
+
+
+def edit(path: Path, change: Edit) -> None:
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data, indent=1))
+
+
+def _drop_seed(data: dict[str, Any]) -> None:
+    del data["tasks"][1]["results"][4]
+
+
+def _replace_seed(data: dict[str, Any]) -> None:
+    data["tasks"][1]["results"][4]["seed"] = 7
+
+
+def _repeat_seed(data: dict[str, Any]) -> None:
+    data["tasks"][1]["results"][4] = data["tasks"][1]["results"][3]
+
+
+def _repeat_task(data: dict[str, Any]) -> None:
+    data["tasks"][1] = data["tasks"][0]
+
+
+def _raise_score(data: dict[str, Any]) -> None:
+    data["tasks"][1]["results"][2]["scores"]["auc"] = 0.9
+
+
+def _raise_curve(data: dict[str, Any]) -> None:
+    data["tasks"][1]["results"][2]["return_curve"][7] = 1.5
+
+
+def _lower_success(data: dict[str, Any]) -> None:
+    data["tasks"][0]["results"][1]["success_curve"][7] = -0.5
+
+
+def _tune(data: dict[str, Any]) -> None:
+    data["tasks"][0]["hyperparameters"]["learning_rate"] = 1.0
+
+
+def _set(*place: str | int, value: Any) -> Edit:
+    def change(data: dict[str, Any]) -> None:
+        inner: Any = data
+        for part in place[:-1]:
+            inner = inner[part]
+        inner[place[-1]] = value
+
+    return change
+
+
+INVALID: dict[str, tuple[Edit, str, str]] = {
+    "fewer seeds": (_drop_seed, "tasks.1: results has 4 of at least 5 seeds", '"results"'),
+    "other seeds": (_replace_seed, "tasks[1].results has the seeds [0, 1, 2, 3, 7]", '"results"'),
+    "repeated seeds": (_repeat_seed, "each once, in ascending order", '"results"'),
+    "repeated task": (_repeat_task, "tasks[1].task.name is 'FourRooms-7x7' for a second time", '"name"'),
+    "a better score": (_raise_score, "results[2].scores.auc is 0.9 but its curve gives", '"auc": 0.9'),
+    "an impossible return": (_raise_curve, "results[2].return_curve[7] is 1.5, outside of [0, 1]", "1.5"),
+    "an impossible success": (_lower_success, "results[1].success_curve[7] is -0.5, outside of [0, 1]", "-0.5"),
+    "other hyperparameters": (_tune, "hyperparameters_hash does not follow", '"hyperparameters_hash"'),
+    "a key of its own": (_set("wins", value=True), "wins: this key is unknown", '"wins"'),
+    "a mean": (_set("tasks", 0, "mean", value=0.9), "tasks.0.mean: this key is unknown", '"mean"'),
+    "another suite": (_set("suite", value="gird"), "Unknown suite 'gird'", '"suite"'),
+    "another version": (_set("suite_version", value=2), "suite_version: it is 2", '"suite_version"'),
+    "no authors": (_set("authors", value=[]), "authors", '"authors"'),
+    "a yes": (_set("privileged", value="no"), "privileged", '"privileged"'),
+    "a budget of its own": (
+        _set("tasks", 1, "task", "budget", value=9_000_000),
+        "scores.steps_to_threshold",
+        '"steps_to_threshold"',
+    ),
+    "an environment of its own": (
+        _set("tasks", 1, "task", "env_id", value="SPRL/Easy-v1"),
+        "tasks.1.task.env_id: it is SPRL/Easy-v1, the suite's is SPRL/KeyDoors-7x7-v1",
+        '"env_id": "SPRL/Easy-v1"',
+    ),
+    "another name": (_set("agent", value="better"), "belongs in grid-7x7/better.json", "{"),
+}
+
+
+@pytest.mark.parametrize("name", INVALID)
+def test_an_invalid_entry_is_refused_with_file_line_and_place(name: str, home: Path) -> None:
+    change, message, mark = INVALID[name]
+    path = home / "grid-7x7" / "ppo.json"
+    edit(path, change)
+    [complaint] = leaderboard.validate([path])
+    assert complaint.startswith(f"{path}:")
+    assert message in complaint
+    assert "\n" not in complaint
+    number = int(complaint.removeprefix(f"{path}:").partition(":")[0])
+    assert mark in path.read_text().splitlines()[number - 1]
+    with pytest.raises(InvalidFileError, match=re.escape(message)):
+        leaderboard.boards(home)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"NaN", b'{"agent": 1e999}', b"[" * 9_999, b"\xff", b'{"a":1,"a":2}'])
+def test_no_file_stops_the_check_of_the_others(content: bytes, home: Path) -> None:
+    broken = home / "grid-7x7" / "broken.json"
+    broken.write_bytes(content)
+    complaints = leaderboard.validate([broken, home / "nowhere.json", home, home / "grid-7x7" / "ppo.json"])
+    assert len(complaints) == 3
+    assert complaints[0].startswith(f"{broken}:1: ")
+    assert complaints[1] == f"{home / 'nowhere.json'}: No such file or directory"
+
+
+def test_an_entry_takes_no_other_place(home: Path, grid_7x7: list[RunRecord]) -> None:
+    leaderboard.entry_path(home, "grid-7x7", "ppo").rename(home / "ppo.json")
+    with pytest.raises(InvalidFileError, match=r"belongs in grid-7x7/ppo\.json"):
+        leaderboard.read_entry(home / "ppo.json")
+
+
+def test_a_board_is_computed_from_its_entries(home: Path) -> None:
+    [board] = leaderboard.boards(home)
+    assert [row.agent for row in board.rows] == ["ppo", "random"]
+    assert board.rows[0].auc is not None
+    assert board.rows[0].auc.value == pytest.approx(0.57)
+    assert board.notes == (
+        "ppo: reported; Ada L.; https://example.org/paper_1",
+        "random: reported; Ada L.; https://example.org/paper_1",
+    )
+
+
+def test_a_board_is_rebuilt_byte_for_byte(home: Path) -> None:
+    first, second = leaderboard.boards(home), leaderboard.boards(home, "grid-7x7")
+    for form in FORMATS:
+        assert render(first, form) == render(second, form)
+
+
+def test_the_best_comes_first_privileged_or_not(make_record: MakeRecord, tmp_path: Path) -> None:
+    for agent, level in (("a", 0.2), ("b", 0.9), ("c", 0.5)):
+        records = [make_record(agent, seed=seed, level=level, privileged=agent == "b") for seed in range(5)]
+        leaderboard.add_entry(make_entry(records, agent), tmp_path)
+    [board] = leaderboard.boards(tmp_path)
+    assert [row.agent for row in board.rows] == ["b", "c", "a"]
+    assert "| b † | 5 | 0.900" in render([board], "md")
+
+
+def test_entries_of_other_environments_share_no_board(make_record: MakeRecord, tmp_path: Path) -> None:
+    for agent in ("a", "b"):
+        records = [make_record(agent, seed=seed, fingerprint=agent) for seed in range(5)]
+        leaderboard.add_entry(make_entry(records, agent), tmp_path)
+    with pytest.raises(IncomparableError, match="fingerprint differs"):
+        leaderboard.boards(tmp_path)
+
+
+def test_boards_that_are_not_there_are_refused(home: Path, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="did you mean 'grid-7x7'"):
+        leaderboard.boards(home, "grid-7")
+    with pytest.raises(ValueError, match="has no entry yet"):
+        leaderboard.boards(tmp_path / "nowhere")
+    with pytest.raises(FileNotFoundError, match="not a folder of leaderboard entries"):
+        leaderboard.find_entries(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match="no entry yet"):
+        leaderboard.board([])
+
+
+def test_the_schema_in_the_repository_is_that_of_the_types() -> None:
+    """If this fails: sprl-bench leaderboard schema -o leaderboards/schema.json."""
+    assert (ROOT / "leaderboards" / "schema.json").read_text() == leaderboard.schema()
+    assert leaderboard.home() == ROOT / "leaderboards"
+
+
+def test_every_published_entry_is_valid() -> None:
+    assert leaderboard.validate(sorted((ROOT / "leaderboards").glob("*/*.json"))) == []
+
+
+def test_a_wheel_carries_its_boards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from sprl_bench.leaderboard import published
+
+    monkeypatch.setattr(published, "__file__", str(tmp_path / "sprl_bench" / "leaderboard" / "published.py"))
+    assert leaderboard.home() == tmp_path / "sprl_bench" / "_leaderboards"
+
+
+def test_a_comparison_by_hand(home: Path, make_record: MakeRecord) -> None:
+    mine = [
+        make_record("mine", task, seed, suite="grid-7x7", level=level + 0.01 * seed)
+        for task, level in ((FOUR, 0.7), (KEY, 0.5))
+        for seed in range(5)
+    ]
+    ppo, random = leaderboard.compare(mine, leaderboard.find_entries(home / "grid-7x7"))
+    assert (ppo.agent, ppo.entry, ppo.seeds, ppo.entry_seeds) == ("mine", "ppo", 5, 5)
+    assert [difference.task for difference in ppo.tasks] == [FOUR, KEY]
+    # Mine are 0.72 and 0.52 on average, the entry's 0.52 and 0.62.
+    assert [difference.difference for difference in ppo.tasks] == pytest.approx([0.2, -0.1])
+    assert (ppo.overall.runs, ppo.overall.entry) == pytest.approx((0.62, 0.57))
+    assert ppo.overall.difference == pytest.approx(0.05)
+    interval = ppo.overall.interval
+    assert interval is not None
+    assert 0.03 < interval.low < 0.05 < interval.high < 0.07
+    assert random.overall.difference == pytest.approx(0.45)
+    assert ppo.notes == ()
+
+
+def test_a_comparison_says_which_tasks_it_is_of(home: Path, grid_7x7: list[RunRecord]) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    one_task = [record for record in grid_7x7 if record.spec.task.name == KEY]
+    for compared in (
+        leaderboard.compare(one_task, entries, agent="random"),
+        leaderboard.compare(grid_7x7, entries, agent="random", tasks=[KEY]),
+    ):
+        assert [one.entry for one in compared] == ["ppo", "random"]
+        assert [difference.task for difference in compared[0].tasks] == [KEY]
+        assert compared[0].overall.difference == compared[0].tasks[0].difference == pytest.approx(-0.4)
+        assert compared[0].notes == (f"1 of the suite's 2 tasks are compared: {KEY}.",)
+
+
+def test_every_agent_is_compared_unless_one_is_named(home: Path, grid_7x7: list[RunRecord]) -> None:
+    compared = leaderboard.compare(grid_7x7, leaderboard.find_entries(home / "grid-7x7"))
+    assert [(one.agent, one.entry) for one in compared] == [
+        ("ppo", "ppo"),
+        ("ppo", "random"),
+        ("random", "ppo"),
+        ("random", "random"),
+    ]
+
+
+def test_a_comparison_of_one_seed_has_no_interval(home: Path, grid_7x7: list[RunRecord]) -> None:
+    first = [record for record in grid_7x7 if record.spec.seed == 0]
+    compared = leaderboard.compare(first, leaderboard.find_entries(home / "grid-7x7"), agent="ppo")
+    assert compared[0].overall.interval is None
+    assert "| ppo | 5 | -0.020 - | -0.020 - | -0.020 - |" in leaderboard.render_comparisons(compared, "md")
+
+
+def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: MakeRecord) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+
+    def mine(**changes: Any) -> list[RunRecord]:
+        return [make_record("mine", FOUR, seed, suite="grid-7x7", **changes) for seed in range(2)]
+
+    with pytest.raises(IncomparableError, match=r"fingerprint differs: golden.* \(ppo of the board\), other \(mine of"):
+        leaderboard.compare(mine(fingerprint="other"), entries)
+    with pytest.raises(IncomparableError, match="budget differs"):
+        leaderboard.compare(mine(task_changes={"budget": 9}), entries)
+    with pytest.raises(IncomparableError, match="version differs"):
+        leaderboard.compare(mine(suite_version=2), entries)
+    [note] = leaderboard.compare(mine(versions={"numpy": "1.0"}), entries[:1])[0].notes[1:]
+    assert note == "Different versions of numpy: 1.0 (mine of the runs), 2.4.6 (ppo of the board)."
+
+
+def test_a_comparison_refuses_missing_runs(home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    with pytest.raises(MissingRunsError, match=f"{KEY}/ppo/seed-4"):
+        leaderboard.compare(grid_7x7[:9], entries)
+    with pytest.raises(MissingRunsError, match="seed-5"):
+        leaderboard.compare(grid_7x7, entries, planned=[make_record("ppo", FOUR, 5, suite="grid-7x7").spec])
+    with pytest.raises(ValueError, match="no finished run of suite 'grid-7x7'"):
+        leaderboard.compare([make_record()], entries)
+    with pytest.raises(ValueError, match="did you mean 'ppo'"):
+        leaderboard.compare(grid_7x7, entries, agent="pppo")
+    with pytest.raises(ValueError, match="did you mean 'KeyDoors-7x7'"):
+        leaderboard.compare(grid_7x7, entries, tasks=["KeyDoors7x7"])
+    with pytest.raises(ValueError, match="no entry to compare with"):
+        leaderboard.compare(grid_7x7, [])
+
+
+@pytest.mark.parametrize("form", leaderboard.COMPARISON_FORMATS)
+def test_comparisons_are_rendered(form: str, home: Path, grid_7x7: list[RunRecord]) -> None:
+    compared = leaderboard.compare(grid_7x7, leaderboard.find_entries(home / "grid-7x7"), agent="ppo")
+    text = leaderboard.render_comparisons(compared, form)
+    if form == "json":
+        assert [round(one["overall"]["difference"], 3) for one in json.loads(text)] == [0.0, 0.4]
+    else:
+        for part in ("ppo (5 seeds) minus each entry", "FourRooms-", "KeyDoors-", "+0.400", "+0.000"):
+            assert part in text
+    with pytest.raises(ValueError, match="Unknown format 'csv'"):
+        leaderboard.render_comparisons(compared, "csv")
