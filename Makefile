@@ -10,7 +10,7 @@ READY := $(VENV)/.ready
 BENCH_READY := $(VENV)/.bench-ready
 PIP := PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
-.PHONY: run test test-long lint types bench setup clean
+.PHONY: run test test-long test-upstream lint types bench setup clean
 
 setup: $(READY)
 
@@ -31,6 +31,13 @@ test: setup ## All tests; about eight minutes on two cores.
 test-long: setup ## The long versions of the differential tests too.
 	SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS)
 
+test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on the last MuJoCo that it works with.
+	$(PYTHON) -m venv $(VENV)-upstream
+	grep -v '^mujoco==' constraints.txt > $(VENV)-upstream/constraints.txt
+	PIP_CONSTRAINT=$(VENV)-upstream/constraints.txt $(VENV)-upstream/bin/python -m pip install -q -e '.[fetch]' \
+		'mujoco==3.11.*' pytest hypothesis
+	$(VENV)-upstream/bin/python -m pytest tests/test_fetch_upstream.py
+
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -46,4 +53,4 @@ $(BENCH_READY): $(READY)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-upstream build dist .mypy_cache .pytest_cache .ruff_cache

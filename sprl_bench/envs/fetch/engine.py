@@ -90,7 +90,7 @@ class FetchEngine(BatchedEnv):
     def _information(self) -> Mapping[str, Array]:
         return {"is_success": self._is_success, "applied_action": self._applied, "diverged": self._diverged}
 
-    def _infos(self, mask: Mask) -> dict[str, Any]:
+    def _infos(self, mask: Mask, rows: Rows | None = None) -> dict[str, Any]:  # noqa: ARG002 - the mask says it all
         """Return the information of the masked sub-environments: a restart applied no action, few steps diverge."""
         has = {"is_success": mask, "applied_action": mask & self._stepped, "diverged": mask & self._diverged}
         infos: dict[str, Any] = {}
