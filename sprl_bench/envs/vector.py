@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
 from sprl_bench.envs.threads import Threads
 
-__all__ = ["BatchedEnv"]
+__all__ = ["ARGUMENTS", "BatchedEnv"]
 
 Array = NDArray[Any]
 Rows = NDArray[np.int64]
@@ -30,7 +30,7 @@ Mask = NDArray[np.bool_]
 
 _NEVER: Final = np.iinfo(np.int64).max
 _NO_THREADS: Final = Threads(1, grain=1)
-_ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
+ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
 
 
 class BatchedEnv(VectorEnv[Array, Array, Array]):
@@ -78,7 +78,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         copy: bool = True,
         **unknown: Any,
     ) -> None:
-        refuse_unknown(type(self).__name__, unknown, _ARGUMENTS)
+        refuse_unknown(type(self).__name__, unknown, ARGUMENTS)
         self.num_envs = check_integer("num_envs", num_envs, 1)
         self._mode = _autoreset_mode(autoreset_mode)
         self._limit = _time_limit(max_episode_steps)
@@ -299,13 +299,13 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._apply_seeds(np.arange(self.num_envs), [None] * self.num_envs)
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as SyncVectorEnv does
         """The seed of each sub-environment."""
         self._seed_all()
         return tuple(seed for seed in self._seeds if seed is not None)
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
+    @property  # type: ignore[misc]  # read-only, as SyncVectorEnv's
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # as SyncVectorEnv does
         """A generator for each sub-environment, in its present state. Drawing from it does not advance the stream."""
         self._seed_all()
         return tuple(self._generator(row) for row in range(self.num_envs))
@@ -333,9 +333,12 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         for name, values in arrays.items():
             _check_array(name, state[name], values.shape, values.dtype)
         seeds = state["seeds"]
-        _check_array("seeds", seeds, (self.num_envs, seeds.shape[-1] if np.ndim(seeds) else 0), np.dtype(np.uint64))
+        num_limbs = np.shape(seeds)[-1] if np.shape(seeds) else 0
+        _check_array("seeds", seeds, (self.num_envs, num_limbs), np.dtype(np.uint64))
         if (state["elapsed"] < 0).any():
             raise ValueError("The state's 'elapsed' must not be negative.")
+        if self._mode is AutoresetMode.SAME_STEP and state["ended"].any():
+            raise ValueError("The state has ended episodes, which no engine with autoreset_mode='SameStep' has.")
         self._check_state(state)
         for name, values in arrays.items():
             values[...] = state[name]
