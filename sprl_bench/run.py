@@ -269,7 +269,10 @@ def _set_up_process(spec: RunSpec) -> None:
 
 
 class _Signals:
-    """Turns the first SIGTERM or SIGINT into a request; the second one acts as it would have without."""
+    """Turns the first SIGTERM or SIGINT into a request; the second one acts as it would have without.
+
+    One that is ignored stays so: workers ignore Ctrl-C, since who started them hears it too and tells them.
+    """
 
     def __init__(self) -> None:
         self.received = False
@@ -278,7 +281,8 @@ class _Signals:
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGTERM, signal.SIGINT):
-                self._before[number] = signal.signal(number, self._receive)
+                if signal.getsignal(number) is not signal.SIG_IGN:
+                    self._before[number] = signal.signal(number, self._receive)
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -116,7 +116,7 @@ def reachable(sources: Cells, targets: Cells, k: int) -> NDArray[np.bool_]:
     This is the ground-truth reachability network (appendix B.2): every state reaches itself, the relation is
     directed, and a state on the goal, where the episode is over, reaches nothing else.
     """
-    return distances(sources, targets, limit=check_integer("k", k, 0)) != NOWHERE
+    return np.not_equal(distances(sources, targets, limit=check_integer("k", k, 0)), NOWHERE)
 
 
 def _batch(observations: Cells) -> Cells:
@@ -158,7 +158,7 @@ def _parse(cells: Cells, out: Integers) -> None:
     area = size * size
     agent, direction, key, door_state, door, goal = NOWHERE, 0, area, OPEN, NOWHERE, NOWHERE
     for cell in range(area):
-        kind, state = cells[cell // size, cell % size, 0], np.int64(cells[cell // size, cell % size, 2])
+        kind, state = cells[cell // size, cell % size, 0], int(cells[cell // size, cell % size, 2])
         if kind == AGENT:
             agent, direction = cell, state
         elif kind == KEY:

@@ -114,7 +114,7 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
 
     with pytest.raises(IncomparableError, match="fingerprint differs"):
         make_entry(runs(fingerprint="other"))
-    with pytest.raises(IncomparableError, match="hyperparameters differs"):
+    with pytest.raises(IncomparableError, match="seeds differ in the hyperparameter learning_rate"):
         make_entry(runs(hyperparameters={}))
     with pytest.raises(IncomparableError, match=r"one version of numpy; these runs have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"):
         make_entry(runs(versions={"numpy": "1.0"}))

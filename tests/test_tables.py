@@ -136,8 +136,9 @@ def test_an_agent_that_finished_nothing_keeps_its_row(make_record: MakeRecord) -
 
 def test_a_suite_in_which_nothing_finished_is_missing(make_record: MakeRecord) -> None:
     planned = [make_record(suite="grid").spec]
-    with pytest.raises(MissingRunsError, match="No run is finished of suite grid"):
+    with pytest.raises(MissingRunsError, match=r"No run is finished of grid\."):
         tabulate([make_record()], planned=planned)
+    assert len(tabulate([make_record()], planned=planned, allow_missing=True)) == 1
 
 
 def test_there_is_one_table_a_suite_and_one_a_custom_task(make_record: MakeRecord, grid_7x7: list[RunRecord]) -> None:
@@ -155,6 +156,9 @@ def test_there_is_one_table_a_suite_and_one_a_custom_task(make_record: MakeRecor
     ]
     assert "not comparable with published scores" in tables[0].notes[0]
     assert tables[3].notes == ()
+    with pytest.raises(MissingRunsError, match=r"No run is finished of custom/FourRooms-7x7-2000\."):
+        tabulate(custom[:1], planned=[record.spec for record in custom])
+    assert tabulate(custom[:1], planned=[record.spec for record in custom], tasks=["FourRooms-7x7-1000"])
     assert [table.suite for table in tabulate([make_record(), *grid_7x7], tasks=[KEY])] == ["grid-7x7"]
 
 
@@ -260,7 +264,9 @@ def test_what_is_not_comparable_is_refused(what: str, make_record: MakeRecord) -
 
 
 def test_seeds_of_other_hyperparameters_are_refused(make_record: MakeRecord) -> None:
-    with pytest.raises(IncomparableError, match="agent ppo: hyperparameters differs"):
+    with pytest.raises(
+        IncomparableError, match=r"agent ppo: seeds differ in the hyperparameter learning_rate: 0\.001, 0\.1\."
+    ):
         tabulate([make_record(seed=0), make_record(seed=1, hyperparameters={"learning_rate": 0.1})])
     assert tabulate([make_record("ppo"), make_record("icm", hyperparameters={"learning_rate": 0.1})])
 

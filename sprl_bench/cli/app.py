@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _call(words)
     except KeyboardInterrupt:
-        return _complain("Interrupted.", INTERRUPTED)
+        return _complain("Interrupted; the same command goes on from here.", INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
         return FAILED

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from sprl_bench.cli.listing import require_command
-from sprl_bench.cli.reports import Output, deliver, planned_runs, terminal_width
-from sprl_bench.suggestions import unknown
+from sprl_bench.cli.reports import Output, check_choice, deliver, planned_runs, terminal_width
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.making import Status
@@ -35,8 +34,9 @@ def show(
 ) -> None:
     """Show the boards, computed from their entries."""
     from sprl_bench import leaderboard
-    from sprl_bench.tables import render
+    from sprl_bench.tables import FORMATS, render
 
+    check_choice("format", form, FORMATS)
     boards = leaderboard.boards(home or leaderboard.home(), suite)
     deliver(render(boards, form, width=terminal_width(output)), output)
 
@@ -68,25 +68,18 @@ def add(
     from sprl_bench import leaderboard
     from sprl_bench.records import find_records
 
+    check_choice("status", status, ("reported", "reproduced"))
     entry = leaderboard.make_entry(
         find_records(runs),
         agent=agent,
         authors=authors,
         link=link,
         suite=suite,
-        status=_status(status),
+        status=cast("Status", status),
         planned=planned_runs(runs),
     )
     path = leaderboard.add_entry(entry, home or leaderboard.home(), replace=replace)
     typer.echo(f"Wrote {path}.", err=True)
-
-
-def _status(text: str) -> Status:
-    if text == "reported":
-        return "reported"
-    if text == "reproduced":
-        return "reproduced"
-    raise ValueError(unknown("status", text, ["reported", "reproduced"]))
 
 
 @app.command("compare")
@@ -104,6 +97,7 @@ def compare(
     from sprl_bench import leaderboard
     from sprl_bench.records import find_records
 
+    check_choice("format", form, leaderboard.COMPARISON_FORMATS)
     entries = [leaderboard.read_entry(against)] if against.is_file() else leaderboard.find_entries(against)
     compared = leaderboard.compare(
         find_records(runs), entries, agent=agent, tasks=task or None, planned=planned_runs(runs)

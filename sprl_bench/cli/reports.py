@@ -6,16 +6,18 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sprl_bench.suggestions import unknown
+
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
 
-__all__ = ["Output", "deliver", "planned_runs", "plot", "print_tables", "table", "terminal_width"]
+__all__ = ["Output", "check_choice", "deliver", "planned_runs", "plot", "print_tables", "table", "terminal_width"]
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
@@ -32,8 +34,9 @@ def table(
 ) -> None:
     """Show each agent's mean AUC with its interval, one table a suite."""
     from sprl_bench.records import find_records
-    from sprl_bench.tables import render, tabulate
+    from sprl_bench.tables import FORMATS, render, tabulate
 
+    check_choice("format", form, FORMATS)
     made = tabulate(find_records(runs), tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
     deliver(render(made, form, width=terminal_width(output)), output)
 
@@ -52,11 +55,16 @@ def plot(
     typer.echo(f"Wrote {output}.", err=True)
 
 
-def print_tables(records: Iterable[RunRecord], *, tasks: Sequence[str], planned: Iterable[RunSpec]) -> None:
-    """Print the tables of these records, whatever is missing marked."""
-    from sprl_bench.tables import render, tabulate
+def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
+    """Print the tables of the planned runs' records; whatever is missing or keeps them apart is said."""
+    from sprl_bench.tables import IncomparableError, render, tabulate
 
-    made = tabulate(records, tasks=tasks, planned=planned, allow_missing=True)
+    tasks = sorted({spec.task.name for spec in planned})
+    try:
+        made = tabulate(records, tasks=tasks, planned=planned, allow_missing=True)
+    except IncomparableError as error:
+        typer.echo(f"No table: {error}", err=True)
+        return
     deliver(render(made, "rich", width=terminal_width(None)), None)
 
 
@@ -65,6 +73,16 @@ def planned_runs(runs: Path) -> list[RunSpec]:
     from sprl_bench.suite import survey
 
     return [state.spec for state in survey(runs)]
+
+
+def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
+    """Refuse a value that is not allowed before any work is done.
+
+    Raises:
+        ValueError: It is not; the message lists what is.
+    """
+    if value not in allowed:
+        raise ValueError(unknown(name, value, allowed))
 
 
 def deliver(text: str, output: Path | None) -> None:

@@ -66,7 +66,7 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
     records = [read(path, RunRecord) for path in there]
     if any(record.status == "complete" for record in records):
         typer.echo()
-        print_tables(records, tasks=sorted({spec.task.name for spec in specs}), planned=specs)
+        print_tables(records, planned=specs)
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
     for outcome in failed:
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)

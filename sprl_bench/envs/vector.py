@@ -104,6 +104,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._elapsed = np.zeros(self.num_envs, np.int64)
         self._ended = np.zeros(self.num_envs, np.bool_)
         self._seeds: list[int | None] = [None] * self.num_envs
+        self._everyone = np.ones(self.num_envs, np.bool_)
         self._is_reset = False
 
     # What an engine adds.
@@ -180,7 +181,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._ended[rows] = False
         self._is_reset = True
         self._draw_window()
-        return self._current_observations(), self._infos(mask)
+        return self._current_observations(), self._infos(mask, rows)
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Take one action in every sub-environment.
@@ -209,18 +210,18 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             self._rewards.copy(),
             self._terminations.copy(),
             self._truncations.copy(),
-            {**finals, **self._all_infos()},
+            finals | self._all_infos(),
         )
 
     def _same_step(self, ended: Mask) -> dict[str, Any]:
         """Restart at once what has ended, and return how it ended."""
-        if not ended.any():
+        (rows,) = ended.nonzero()
+        if not len(rows):
             return {}
-        rows = np.flatnonzero(ended)
-        final_obs = np.full(self.num_envs, None, dtype=object)
+        final_obs = np.empty(self.num_envs, dtype=object)
         for row, observation in zip(rows.tolist(), self._observations[rows], strict=True):
             final_obs[row] = observation
-        finals = {"final_obs": final_obs, "final_info": self._infos(ended)}
+        finals = {"final_obs": final_obs, "final_info": self._infos(ended, rows)}
         self._begin(rows)
         return finals | {"_final_obs": ended, "_final_info": ended.copy()}
 
@@ -234,12 +235,12 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             self._elapsed[rows] = 0
             self._restart(rows)
 
-    def _infos(self, mask: Mask) -> dict[str, Any]:
-        """Return the information of the masked sub-environments, zero elsewhere, each with its mask."""
+    def _infos(self, mask: Mask, rows: Rows) -> dict[str, Any]:
+        """Return the information of the masked sub-environments (``rows``), zero elsewhere, each with its mask."""
         infos: dict[str, Any] = {}
         for name, values in self._information().items():
-            infos[name] = np.zeros_like(values)
-            infos[name][mask] = values[mask]
+            infos[name] = np.zeros(values.shape, values.dtype)
+            infos[name][rows] = values[rows]
             infos[f"_{name}"] = mask.copy()
         return infos
 
@@ -248,7 +249,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         infos: dict[str, Any] = {}
         for name, values in self._information().items():
             infos[name] = values.copy()
-            infos[f"_{name}"] = np.ones(self.num_envs, np.bool_)
+            infos[f"_{name}"] = self._everyone.copy()
         return infos
 
     def _current_observations(self) -> Array:
@@ -298,13 +299,13 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._apply_seeds(np.arange(self.num_envs), [None] * self.num_envs)
 
     @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]  # as SyncVectorEnv does
         """The seed of each sub-environment."""
         self._seed_all()
         return tuple(seed for seed in self._seeds if seed is not None)
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]  # a tuple, as SyncVectorEnv's
+    @property  # type: ignore[misc]  # read-only, as SyncVectorEnv's
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # as SyncVectorEnv does
         """A generator for each sub-environment, in its present state. Drawing from it does not advance the stream."""
         self._seed_all()
         return tuple(self._generator(row) for row in range(self.num_envs))
@@ -332,9 +333,12 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         for name, values in arrays.items():
             _check_array(name, state[name], values.shape, values.dtype)
         seeds = state["seeds"]
-        _check_array("seeds", seeds, (self.num_envs, seeds.shape[-1] if np.ndim(seeds) else 0), np.dtype(np.uint64))
+        num_limbs = np.shape(seeds)[-1] if np.shape(seeds) else 0
+        _check_array("seeds", seeds, (self.num_envs, num_limbs), np.dtype(np.uint64))
         if (state["elapsed"] < 0).any():
             raise ValueError("The state's 'elapsed' must not be negative.")
+        if self._mode is AutoresetMode.SAME_STEP and state["ended"].any():
+            raise ValueError("The state has ended episodes, which no engine with autoreset_mode='SameStep' has.")
         self._check_state(state)
         for name, values in arrays.items():
             values[...] = state[name]

@@ -139,7 +139,7 @@ class Entry(Data):
                 agent=self.agent,
                 privileged=self.privileged,
                 seed=result.seed,
-                hyperparameters_hash=entry.hyperparameters_hash,
+                hyperparameters=entry.hyperparameters,
                 fingerprint=entry.fingerprint,
                 versions=self.versions,
                 return_curve=result.return_curve,

@@ -49,7 +49,9 @@ class EpisodeLog:
         self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
         self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
         self._lengths = np.zeros(num_envs, np.int64)  # [N]
-        self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset; stays False under SAME_STEP
+        self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset
+        self._may_be_over = autoreset is not AutoresetMode.SAME_STEP
+        self._numbers = np.arange(1, num_envs + 1)  # of the steps within one call, where each sub-environment takes one
         self._rows = np.empty(1024, EPISODE)
         self._count = 0
 
@@ -58,6 +60,7 @@ class EpisodeLog:
         self.num_envs += 1
         self._sums, self._lost = np.zeros(self.num_envs), np.zeros(self.num_envs)
         self._lengths, self._over = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.bool_)
+        self._numbers = np.arange(1, self.num_envs + 1)
         return self.num_envs - 1
 
     @property
@@ -71,42 +74,40 @@ class EpisodeLog:
         rows = self._rows[: self._count]
         return rows[rows["stamp"] <= self.budget].copy()
 
-    def step(
-        self,
-        rewards: Floats,
-        ended: Mask,
-        success: Mask,
-        envs: slice | Indices = ALL,
-    ) -> bool:
+    def step(self, rewards: Floats, ended: Mask, success: Mask, envs: slice = ALL) -> bool:
         """Count one call of `step` and log the episodes that it ended; once the budget is reached, do nothing.
 
         Args:
             rewards: [K], as the environment gave them.
             ended: [K], terminated or truncated.
             success: [K], looked at where `ended`.
-            envs: Which K of the N sub-environments were stepped, in this order.
+            envs: Which K of the N sub-environments were stepped.
 
         Returns:
             Whether this call reached the budget.
 
         Raises:
             ResetNeeded: A step was taken after the end of an episode, where nothing resets by itself.
+            ValueError: An episode's return is not finite.
         """
         if self.complete:
             return False
-        if self._over[envs].any():
+        stepped: Mask | bool = True
+        numbers = self._numbers[: len(rewards)]
+        if self._may_be_over and np.count_nonzero(self._over[envs]):
             stepped = self._without_resets(envs)
-            rewards, ended, success = rewards[stepped], ended[stepped], success[stepped]
-            envs = np.arange(self.num_envs)[envs][stepped]
-        self._lengths[envs] += 1
-        if rewards.any():
+            numbers = np.cumsum(stepped)
+            rewards, ended = np.where(stepped, rewards, 0.0), ended & stepped
+        lengths = self._lengths[envs]
+        lengths += stepped
+        if np.count_nonzero(rewards):
             self._add(rewards, envs)
-        if ended.any():
-            self._log(np.flatnonzero(ended), success, envs)
-        self.env_steps += len(rewards)
+        if np.count_nonzero(ended):
+            self._log(np.flatnonzero(ended), numbers, success, envs)
+        self.env_steps += int(numbers[-1])
         return self.complete
 
-    def _without_resets(self, envs: slice | Indices) -> Mask:
+    def _without_resets(self, envs: slice) -> Mask:
         """Return which of `envs` took a step rather than being reset by the call, and note that they all run now."""
         if self.autoreset is not AutoresetMode.NEXT_STEP:
             raise ResetNeeded("A recorded episode is over; reset its environment before the next step.")
@@ -114,7 +115,7 @@ class EpisodeLog:
         self._over[envs] = False
         return stepped
 
-    def _add(self, rewards: Floats, envs: slice | Indices) -> None:
+    def _add(self, rewards: Floats, envs: slice) -> None:
         """Add to the sums, and to what they lost: the exact error of a floating-point sum is itself a float."""
         before = self._sums[envs]
         after = before + rewards
@@ -122,10 +123,11 @@ class EpisodeLog:
         self._lost[envs] += (before - (after - part)) + (rewards - part)
         self._sums[envs] = after
 
-    def _log(self, places: Indices, success: Mask, envs: slice | Indices) -> None:
-        indices = np.arange(self.num_envs)[envs][places]
+    def _log(self, places: Indices, numbers: Indices, success: Mask, envs: slice) -> None:
+        """Log the episodes that ended at `places` among `envs`, whose steps have these numbers within the call."""
+        indices = places + (envs.start or 0)
         rows = self._room_for(len(places))
-        rows["stamp"] = self.env_steps + places + 1
+        rows["stamp"] = self.env_steps + numbers[places]
         rows["env"] = indices
         rows["return"] = self._sums[indices] + self._lost[indices]
         rows["length"] = self._lengths[indices]
@@ -134,7 +136,7 @@ class EpisodeLog:
             raise ValueError(f"An episode's return is {rows['return']}; rewards must be finite.")
         self._count += len(places)
         self._forget(indices)
-        self._over[indices] = self.autoreset is not AutoresetMode.SAME_STEP
+        self._over[indices] = self._may_be_over
 
     def _room_for(self, count: int) -> npt.NDArray[Any]:
         needed = self._count + count

@@ -76,7 +76,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def _success(self, infos: Mapping[str, Any], ended: Mask) -> Mask:
         """Return which of the episodes that just ended were successful: [N]."""
-        if not ended.any():
+        if not np.count_nonzero(ended):
             return ended
         source = infos.get("final_info", infos) if self.episode_log.autoreset is AutoresetMode.SAME_STEP else infos
         return np.asarray(source.get("is_success", np.zeros_like(ended))).astype(np.bool_)

@@ -10,6 +10,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from pydantic import JsonValue
+
 from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
 from sprl_bench.tasks import CUSTOM, SUITES
 
@@ -22,6 +24,7 @@ __all__ = [
     "differences",
     "find_holes",
     "split_suites",
+    "table_of",
     "task_names",
     "version_differences",
 ]
@@ -62,7 +65,7 @@ class Result:
     agent: str
     privileged: bool
     seed: int
-    hyperparameters_hash: str
+    hyperparameters: Mapping[str, JsonValue]
     fingerprint: str
     versions: Mapping[str, str]
     return_curve: tuple[float, ...]
@@ -79,7 +82,7 @@ class Result:
             agent=spec.agent,
             privileged=spec.privileged,
             seed=spec.seed,
-            hyperparameters_hash=spec.hyperparameters_hash,
+            hyperparameters=spec.hyperparameters,
             fingerprint=record.fingerprint,
             versions=record.versions,
             return_curve=record.return_curve,
@@ -102,10 +105,15 @@ class Hole:
 
 def split_suites(results: Iterable[Result]) -> list[list[Result]]:
     """Return the results of each suite, and those of each task that belongs to none, in the order of their names."""
-    groups: dict[tuple[str, str], list[Result]] = defaultdict(list)
+    groups: dict[str, list[Result]] = defaultdict(list)
     for result in results:
-        groups[result.suite, result.task.name if result.suite == CUSTOM.name else ""].append(result)
+        groups[table_of(result.suite, result.task.name)].append(result)
     return [group for _, group in sorted(groups.items())]
+
+
+def table_of(suite: str, task: str) -> str:
+    """Return the name of the table that a run belongs to: its suite's, or its task's own where it is of none."""
+    return f"{suite}/{task}" if suite == CUSTOM.name else suite
 
 
 def task_names(results: Sequence[Result]) -> tuple[str, ...]:
@@ -164,7 +172,7 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         for package, mixed in version_differences(of_task, NEVER_MIXED).items():
             raise IncomparableError(f"{where}: version of {package} differs: {mixed}. Such results are not comparable.")
         for agent, runs in _grouped(of_task, lambda result: result.agent):
-            _refuse_mixed(f"{where}, agent {agent}: hyperparameters", runs, lambda result: result.hyperparameters_hash)
+            _refuse_tuned(f"{where}, agent {agent}", runs)
             _refuse_mixed(f"{where}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
             _refuse_twice(where, runs)
     notes = [f"Different versions of {package}: {text}." for package, text in version_differences(results).items()]
@@ -189,6 +197,14 @@ def differences(results: Sequence[Result], value: Callable[[Result], str]) -> st
 def _refuse_mixed(what: str, results: Sequence[Result], value: Callable[[Result], str]) -> None:
     if mixed := differences(results, value):
         raise IncomparableError(f"{what} differs: {mixed}. Such results are not comparable.")
+
+
+def _refuse_tuned(where: str, runs: Sequence[Result]) -> None:
+    """Refuse seeds of one agent that differ in a hyperparameter."""
+    for name in sorted({name for run in runs for name in run.hyperparameters}):
+        values = dict.fromkeys(repr(run.hyperparameters.get(name)) for run in runs)
+        if len(values) > 1:
+            raise IncomparableError(f"{where}: seeds differ in the hyperparameter {name}: {', '.join(values)}.")
 
 
 def _refuse_twice(where: str, runs: Sequence[Result]) -> None:

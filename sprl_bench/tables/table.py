@@ -21,6 +21,7 @@ from sprl_bench.tables.results import (
     describe_holes,
     find_holes,
     split_suites,
+    table_of,
     task_names,
 )
 
@@ -106,19 +107,26 @@ def tabulate(
     if not complete:
         raise MissingRunsError("There is no finished run to make a table of.")
     groups = split_suites(complete)
-    lost = sorted({spec.suite for spec in wanted} - {group[0].suite for group in groups})
-    if lost and not allow_missing:
-        raise MissingRunsError(f"No run is finished of suite {', '.join(lost)}.")
     names = {name for group in groups for name in task_names(group)}
     for task in tasks or ():
         if task not in names:
             raise ValueError(unknown("task among these runs:", task, names))
     chosen = names if tasks is None else set(tasks)
+    if not allow_missing:
+        _refuse_lost(complete, [spec for spec in wanted if tasks is None or spec.task.name in chosen])
     return [
         tabulate_results(group, tasks=chosen, planned=wanted, allow_missing=allow_missing)
         for group in groups
         if chosen & set(task_names(group))
     ]
+
+
+def _refuse_lost(results: Sequence[Result], wanted: Iterable[RunSpec]) -> None:
+    """Refuse to leave out a whole table because none of its runs is finished."""
+    there = {table_of(result.suite, result.task.name) for result in results}
+    lost = sorted({table_of(spec.suite, spec.task.name) for spec in wanted} - there)
+    if lost:
+        raise MissingRunsError(f"No run is finished of {', '.join(lost)}.")
 
 
 def tabulate_results(

@@ -30,7 +30,7 @@ SOURCES: Final = _digest(Path(__file__).parent)
 
 def inline(function: Function) -> Function:
     """Let kernels call ``function``, which stays plain Python to everyone else."""
-    return register_jitable(function)  # type: ignore[no-any-return]
+    return register_jitable(function)
 
 
 def kernel(function: Function) -> Function:

@@ -11,7 +11,7 @@ from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 
 from sprl_bench.envs.grid import dynamics
-from sprl_bench.envs.grid.encoding import AGENT, GOAL, NUM_ACTIONS, WALL
+from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, NUM_ACTIONS, RED, WALL
 from sprl_bench.envs.grid.env import GridEnv
 from sprl_bench.envs.grid.four_rooms import FourRooms7x7, FourRooms11x11
 from sprl_bench.envs.grid.key_doors import KeyDoors7x7, KeyDoors11x11
@@ -106,8 +106,13 @@ class GridEngine(BatchedEnv):
         inside = (x > 0) & (x < self.single.size - 1) & (y > 0) & (y < self.single.size - 1)
         if not (inside & (direction >= 0) & (direction < 4)).all():
             raise ValueError("The state's 'agents' must be x and y inside the walls and a direction from 0 to 3.")
-        if (cells[np.arange(self.num_envs), y, x] != AGENT).any() or (state["beneath"][:, 0] > GOAL).any():
+        drawn = state["observations"][np.arange(self.num_envs), y, x] == np.stack(
+            [np.full_like(direction, AGENT), np.full_like(direction, RED), direction], axis=1
+        )
+        if not drawn.all() or ((cells == AGENT).sum(axis=(1, 2)) != 1).any():
             raise ValueError("The state's 'agents' and 'observations' must agree on where the agents are.")
+        if not np.isin(state["beneath"][:, 0], (EMPTY, DOOR, GOAL)).all():
+            raise ValueError("The state's 'beneath' must be cells that an agent can stand on.")
 
     def _generator(self, row: int) -> np.random.Generator:
         return to_generator(self._streams[row])

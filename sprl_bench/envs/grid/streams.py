@@ -61,7 +61,7 @@ def next_double(stream: NDArray[np.uint64]) -> float:
     mixed = stream[0] ^ stream[1]
     turn = stream[0] >> _58
     bits = (mixed >> turn) | (mixed << ((_64 - turn) & _63))
-    return (bits >> _11) * (1.0 / 9007199254740992.0)
+    return float(bits >> _11) * (1.0 / 9007199254740992.0)
 
 
 @kernel

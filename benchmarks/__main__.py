@@ -1,0 +1,29 @@
+"""Measure every row, or those of the files named: `python -m benchmarks [grid] [learner]`."""
+
+from __future__ import annotations
+
+import sys
+
+from benchmarks import grid, learner
+from benchmarks.measure import table
+from sprl_bench.suggestions import unknown
+
+ROOMS = {"grid": grid.rows, "learner": learner.rows}
+
+
+def main(names: list[str]) -> int:
+    """Print one table; return 2 for an unknown name."""
+    for name in names:
+        if name not in ROOMS:
+            print(unknown("benchmark", name, ROOMS), file=sys.stderr)
+            return 2
+    rows = [row for name in names or ROOMS for row in ROOMS[name]()]
+    print(table(rows))
+    for row in rows:
+        if not row.passed:
+            print(f"Below its bar or not measured: {row.what}, against {row.against}.")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,453 @@
+"""Suites: which runs there are, what is done about them, and what is told of them."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import pytest
+from rich.console import Console
+
+import sprl_bench
+from sprl_bench import run as running
+from sprl_bench.executors import LocalExecutor, WorkerDiedError, make_executor
+from sprl_bench.progress import LiveProgress, PlainProgress, duration, make_observer
+from sprl_bench.recorder.folder import LockedError, is_locked, lock
+from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
+from sprl_bench.run import InterruptedRunError, SpecChangedError
+from sprl_bench.suite import Observer, Outcome, expand, run_suite, survey
+from sprl_bench.tasks import find_suite
+
+pytestmark = pytest.mark.usefixtures("fakes")
+
+SMOKE = find_suite("smoke")
+WALKER, BROKEN, DYING = (f"harness_fakes:{name}" for name in ("walker", "broken", "dying"))
+
+
+class Here:
+    """Works on all runs in this process."""
+
+    def map(self, function: Callable[[RunSpec], Any], specs: Sequence[RunSpec]) -> Iterator[tuple[RunSpec, Any]]:
+        for spec in specs:
+            yield spec, function(spec)
+
+
+class Listening(Observer):
+    def __init__(self) -> None:
+        self.heard: list[Any] = []
+
+    def started(self, specs: Sequence[RunSpec], out: Path) -> None:
+        self.heard.append(len(specs))
+
+    def ended(self, outcome: Outcome) -> None:
+        self.heard.append((outcome.spec.agent, outcome.spec.seed, outcome.status))
+
+    def closed(self) -> None:
+        self.heard.append("closed")
+
+
+def walkers(seeds: Sequence[int] = (0,), budget: int = 300, **overrides: Any) -> list[RunSpec]:
+    return expand(SMOKE, [WALKER], seeds, budget=budget, overrides=overrides)
+
+
+def statuses(outcomes: Sequence[Outcome]) -> list[str]:
+    return [outcome.status for outcome in outcomes]
+
+
+# What runs there are.
+
+
+def test_expand_gives_every_seed_of_every_task_and_agent() -> None:
+    specs = expand(find_suite("grid-7x7"), ["random", WALKER], [0, 4])
+    assert [(spec.seed, spec.task.name, spec.agent) for spec in specs] == [
+        (seed, task, agent)
+        for seed in (0, 4)
+        for task in ("FourRooms-7x7", "KeyDoors-7x7")
+        for agent in ("random", "walker")
+    ]
+    assert {(spec.suite, spec.suite_version) for spec in specs} == {("grid-7x7", 1)}
+    assert [spec.source for spec in specs[:2]] == ["random", WALKER]
+    assert [spec.num_envs for spec in specs[:2]] == [12, 3]
+    assert {(spec.device, spec.torch_threads) for spec in specs} == {("cpu", 1)}
+
+
+def test_expand_resolves_the_presets_of_the_domain() -> None:
+    (spec,) = expand(SMOKE, ["ppo"], [0], overrides={"learning_rate": 0.5})
+    assert spec.hyperparameters["learning_rate"] == 0.5
+    assert len(spec.hyperparameters) > 10
+    assert spec.num_envs == spec.hyperparameters["num_envs"]
+
+
+def test_expand_takes_some_tasks_only() -> None:
+    specs = expand(find_suite("grid"), ["random"], [0], tasks=["KeyDoors-11x11"])
+    assert [spec.task.name for spec in specs] == ["KeyDoors-11x11"]
+
+
+def test_another_budget_is_another_task_of_no_suite() -> None:
+    (spec,) = expand(SMOKE, ["random"], [0], budget=500)
+    assert (spec.suite, spec.suite_version, spec.task.name, spec.task.budget) == ("custom", 0, "FourRooms-7x7-500", 500)
+    (spec,) = expand(SMOKE, ["random"], [0], budget=20_000)
+    assert (spec.suite, spec.task.name) == ("smoke", "FourRooms-7x7")
+
+
+def test_an_agent_without_an_opinion_on_num_envs_gets_twelve_or_what_is_asked_for() -> None:
+    (spec,) = expand(SMOKE, ["harness_fakes:forgetful"], [0])
+    assert (spec.num_envs, "num_envs" in spec.hyperparameters) == (12, False)
+    (spec,) = expand(SMOKE, ["harness_fakes:forgetful"], [0], overrides={"num_envs": 5})
+    assert (spec.num_envs, "num_envs" in spec.hyperparameters) == (5, False)
+    (spec,) = expand(SMOKE, [WALKER], [0], overrides={"num_envs": 5})
+    assert (spec.num_envs, spec.hyperparameters["num_envs"]) == (5, 5)
+
+
+def test_privileged_agents_are_marked() -> None:
+    assert [spec.privileged for spec in expand(SMOKE, [BROKEN, DYING], [0])] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seeds": [0, 1, 0]}, "seeds holds 0 more than once"),
+        ({"seeds": []}, "seeds is empty"),
+        ({"seeds": [-1]}, "seed: "),
+        ({"agents": [WALKER, "elsewhere:walker"]}, "agents holds 'walker' more than once"),
+        ({"agents": ["pppo"]}, "Unknown agent 'pppo'; did you mean 'ppo'"),
+        ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke' 'FourRooms'; did you mean 'FourRooms-7x7'"),
+        ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),
+        ({"overrides": {"num_envs": 0}}, "num_envs: "),
+        ({"overrides": {"num_envs": 2.5}}, "num_envs: "),
+        ({"budget": 0}, "task.budget: |budget"),
+        ({"torch_threads": 0}, "torch_threads: "),
+    ],
+)
+def test_bad_arguments_are_named_in_one_line(changes: dict[str, Any], message: str) -> None:
+    arguments: dict[str, Any] = {"agents": [WALKER], "seeds": [0], **changes}
+    with pytest.raises(ValueError, match=message) as raised:
+        expand(SMOKE, **arguments)
+    assert "\n" not in str(raised.value)
+
+
+# What is done about them.
+
+
+def test_the_same_command_again_skips_what_is_finished_and_adds_what_is_new(tmp_path: Path) -> None:
+    listening = Listening()
+    assert statuses(run_suite(walkers([0]), tmp_path, executor=Here(), observer=listening)) == ["finished"]
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    outcomes = run_suite(walkers([0, 1]), tmp_path, executor=Here(), observer=listening)
+    assert statuses(outcomes) == ["skipped", "finished"]
+    assert listening.heard == [
+        *(1, ("walker", 0, "finished"), "closed"),
+        *(2, ("walker", 0, "skipped"), ("walker", 1, "finished"), "closed"),
+    ]
+    place = walkers()[0].path(tmp_path)
+    assert all(path.stat().st_mtime_ns == before[path] for path in place.iterdir())
+
+
+def test_outcomes_keep_the_order_of_the_specs(tmp_path: Path) -> None:
+    run_suite(walkers([1]), tmp_path, executor=Here())
+    outcomes = run_suite(walkers([2, 1, 0]), tmp_path, executor=Here())
+    assert [(outcome.spec.seed, outcome.status) for outcome in outcomes] == [
+        (2, "finished"),
+        (1, "skipped"),
+        (0, "finished"),
+    ]
+
+
+def test_a_failing_run_leaves_its_traceback_and_the_others_go_on(tmp_path: Path) -> None:
+    specs = expand(SMOKE, [BROKEN, WALKER], [0], budget=300)
+    failed, finished = run_suite(specs, tmp_path, executor=Here())
+    assert (failed.status, finished.status) == ("failed", "finished")
+    assert failed.error == "ZeroDivisionError: the agent divided by zero"
+    error = (failed.spec.path(tmp_path) / "error.txt").read_text()
+    assert error.startswith("Traceback")
+    assert "in _misbehave" in error
+    assert [state.status for state in survey(tmp_path)] == ["failed", "finished"]
+
+
+def test_a_failed_run_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness_fakes
+
+    (spec,) = expand(SMOKE, [BROKEN], [0], budget=300)
+    assert statuses(run_suite([spec], tmp_path, executor=Here())) == ["failed"]
+    monkeypatch.setattr(harness_fakes.Walker, "_misbehave", lambda self: None)
+    assert statuses(run_suite([spec], tmp_path, executor=Here())) == ["finished"]
+    assert not (spec.path(tmp_path) / "error.txt").exists()
+
+
+def test_a_changed_hyperparameter_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    run_suite(walkers([0]), tmp_path, executor=Here())
+    before = sorted(tmp_path.rglob("*"))
+    listening = Listening()
+    changed = [*walkers([0, 1], rollout=25), *expand(SMOKE, ["random"], [0], budget=300)]
+    with pytest.raises(SpecChangedError, match="seed-0: rollout: 20 on disk, 25 now"):
+        run_suite(changed, tmp_path, executor=Here(), observer=listening)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert not listening.heard
+
+
+def test_more_seeds_under_other_hyperparameters_are_refused_too(tmp_path: Path) -> None:
+    """A table takes the mean over all of them."""
+    run_suite(walkers([0]), tmp_path, executor=Here())
+    with pytest.raises(SpecChangedError, match="seed-0: rollout: 20 on disk, 25 now"):
+        run_suite(walkers([1], rollout=25), tmp_path, executor=Here())
+
+
+def test_a_run_that_never_began_may_change(tmp_path: Path) -> None:
+    (spec,) = expand(SMOKE, [BROKEN], [0], budget=300)
+    run_suite([spec], tmp_path, executor=Here())
+    changed = expand(SMOKE, [BROKEN], [0], budget=300, overrides={"num_envs": 2})
+    assert statuses(run_suite(changed, tmp_path, executor=Here())) == ["failed"]
+    assert read(spec.path(tmp_path) / "spec.json", RunSpec) == changed[0]
+
+
+def test_a_broken_file_stops_the_suite_before_it_starts(tmp_path: Path) -> None:
+    (spec,) = walkers()
+    run_suite([spec], tmp_path, executor=Here())
+    (spec.path(tmp_path) / "record.json").write_text("{")
+    with pytest.raises(InvalidFileError, match=r"record\.json"):
+        run_suite([spec], tmp_path, executor=Here())
+
+
+def test_a_run_that_another_command_works_on_is_left_to_it(tmp_path: Path) -> None:
+    specs = walkers([0, 1])
+    with lock(specs[0].path(tmp_path)):
+        outcomes = run_suite(specs, tmp_path, executor=Here())
+    assert statuses(outcomes) == ["failed", "finished"]
+    assert "is in use by another process" in outcomes[0].error
+    assert not (specs[0].path(tmp_path) / "error.txt").exists()
+
+
+def test_what_a_run_prints_goes_to_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (spec,) = walkers(trouble="print", after=2)
+    run_suite([spec], tmp_path, executor=Here())
+    print("after")
+    assert (spec.path(tmp_path) / "output.txt").read_text() == "hello from compiled code\n"
+    assert capfd.readouterr() == ("after\n", "")
+
+
+def test_one_worker_or_three_and_other_load_give_the_same_numbers(tmp_path: Path) -> None:
+    """The processes of three workers outnumber most machines' cores; one more keeps a core busy."""
+    specs = [*walkers([0, 1], budget=900), *expand(SMOKE, [BROKEN, DYING], [0], budget=900)]
+    load = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        outcomes = run_suite(specs, tmp_path / "three", executor=LocalExecutor(3))
+    finally:
+        load.kill()
+        load.wait()
+    assert statuses(outcomes) == ["finished", "finished", "failed", "failed"]
+    assert outcomes[3].error == "the worker was ended by SIGKILL (out of memory?)"
+    assert "SIGKILL" in (specs[3].path(tmp_path / "three") / "error.txt").read_text()
+    assert [state.status for state in survey(tmp_path / "three")] == ["failed", "failed", "finished", "finished"]
+    assert statuses(run_suite(specs[:2], tmp_path / "one", executor=make_executor("local", 1))) == ["finished"] * 2
+    for spec in specs[:2]:
+        one, three = (read(spec.path(tmp_path / out) / "record.json", RunRecord) for out in ("one", "three"))
+        for name in ("return_curve", "success_curve", "scores", "totals", "fingerprint"):
+            assert getattr(one, name) == getattr(three, name), name
+        episodes = [(spec.path(tmp_path / out) / "episodes.parquet").read_bytes() for out in ("one", "three")]
+        assert episodes[0] == episodes[1]
+
+
+def test_workers_have_their_threads_set_before_they_import_anything() -> None:
+    before = dict(os.environ)
+    (spec,) = expand(SMOKE, ["random"], [0], torch_threads=2)
+    ((returned, environment),) = LocalExecutor(1).map(_environment_at_start, [spec])
+    assert returned == spec
+    assert not isinstance(environment, WorkerDiedError)
+    for pool in ("OMP", "MKL", "OPENBLAS", "NUMBA"):
+        assert environment[f"{pool}_NUM_THREADS"] == "2"
+    assert environment["PYTHONHASHSEED"] == "0"
+    assert dict(os.environ) == before
+
+
+def _environment_at_start(_: RunSpec) -> dict[str, str]:
+    """Return what the process was started with, which later changes of its environment do not touch."""
+    pairs = Path("/proc/self/environ").read_bytes().split(b"\0")
+    return dict(pair.decode().split("=", 1) for pair in pairs if b"=" in pair)
+
+
+COMMAND = """
+import sys
+from pathlib import Path
+from sprl_bench.executors import LocalExecutor
+from sprl_bench.suite import expand, run_suite
+from sprl_bench.tasks import find_suite
+if __name__ == "__main__":
+    specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 0.05})
+    run_suite(specs, Path(sys.argv[1]), executor=LocalExecutor(2))
+"""
+
+
+def test_ctrl_c_stops_the_workers_with_checkpoints(tmp_path: Path) -> None:
+    script = tmp_path / "command.py"
+    script.write_text(COMMAND)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent / "fakes")}
+    command = [sys.executable, str(script), str(tmp_path / "runs")]
+    process = subprocess.Popen(
+        command, env=environment, start_new_session=True, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        deadline = time.monotonic() + 200
+        while len(list(tmp_path.rglob("metrics.jsonl"))) < 2:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(0.3)
+        assert {state.status for state in survey(tmp_path / "runs")} == {"running"}
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+        _, errors = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert "KeyboardInterrupt" in errors
+    states = survey(tmp_path / "runs")
+    assert [state.status for state in states] == ["interrupted", "interrupted"]
+    for state in states:
+        folder = state.spec.path(tmp_path / "runs")
+        assert (folder / "checkpoint.safetensors").exists()
+        assert not (folder / "error.txt").exists()
+    deadline = time.monotonic() + 30  # multiprocessing's own helper takes a moment to notice
+    with pytest.raises(ProcessLookupError):
+        while time.monotonic() < deadline:
+            os.killpg(process.pid, 0)  # raises when nothing is left of it
+            time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "workers", "message"),
+    [
+        ("lokal", 1, "Unknown executor 'lokal'; did you mean 'local'"),
+        ("local", -1, "workers is -1; it must be an integer of at least 0"),
+        ("local", 1.5, "workers is 1.5"),
+    ],
+)
+def test_a_bad_executor_is_named(name: str, workers: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_executor(name, workers)
+
+
+@pytest.mark.parametrize(("name", "module"), [("ray", "ray"), ("slurm", "submitit")])
+def test_a_missing_extra_says_how_to_get_it(name: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ModuleNotFoundError, match=rf"pip install 'sprl-bench\[{name}\]'"):
+        make_executor(name, 1)
+
+
+# What is told of them.
+
+
+def test_survey_tells_what_is_left_and_for_how_long(tmp_path: Path) -> None:
+    finished, waiting, cut, going = walkers([0, 1, 2, 3])
+    run_suite([finished], tmp_path, executor=Here())
+    for spec in (waiting, cut, going):
+        sprl_bench.records.write(spec.path(tmp_path) / "spec.json", spec)
+    stops = iter([False, True])
+    with pytest.raises(InterruptedRunError):
+        running.run(cut, tmp_path, stop=lambda: next(stops))
+    metrics = [{"env_steps": steps, "wall_time_s": steps / 50} for steps in (60, 120, 180)]
+    text = "".join(json.dumps(line) + "\n" for line in metrics)
+    (going.path(tmp_path) / "metrics.jsonl").write_text(text + '{"env_steps": 24')
+    with lock(going.path(tmp_path)):
+        states = survey(tmp_path)
+    assert [(state.spec.seed, state.status, state.env_steps) for state in states] == [
+        (0, "finished", 300),
+        (1, "waiting", 0),
+        (2, "interrupted", 120),
+        (3, "running", 180),
+    ]
+    assert states[3].steps_per_second == pytest.approx(50)
+    assert states[3].seconds_left == pytest.approx(120 / 50)
+    assert states[0].seconds_left == 0
+    assert states[1].seconds_left is None
+
+
+def test_survey_knows_the_runs_of_scripts(tmp_path: Path) -> None:
+    env = sprl_bench.record(gymnasium.make("SPRL/FourRooms-7x7-v1"), out=tmp_path, agent="mine", seed=0)
+    env.reset()
+    env.step(0)
+    env.close()
+    (state,) = survey(tmp_path)
+    assert (state.spec.agent, state.status, state.env_steps) == ("mine", "interrupted", 1)
+
+
+def test_survey_of_nothing(tmp_path: Path) -> None:
+    assert survey(tmp_path) == []
+    with pytest.raises(FileNotFoundError, match="nowhere does not exist"):
+        survey(tmp_path / "nowhere")
+
+
+def test_plain_progress_prints_lines(tmp_path: Path) -> None:
+    stream = io.StringIO()
+    observer = make_observer(stream)
+    assert isinstance(observer, PlainProgress)
+    run_suite(expand(SMOKE, [WALKER, BROKEN], [0], budget=300), tmp_path, executor=Here(), observer=observer)
+    assert stream.getvalue().splitlines() == [
+        "finished: walker on FourRooms-7x7-300, seed 0",
+        "failed: broken on FourRooms-7x7-300, seed 0: ZeroDivisionError: the agent divided by zero",
+        "1/2 runs, 360/600 env steps, 0 steps/s, ? left",
+    ]
+
+
+def test_plain_progress_prints_now_and_then(tmp_path: Path) -> None:
+    stream = io.StringIO()
+    observer = PlainProgress(stream, every_s=0.05)
+    observer.started(walkers([0, 1]), tmp_path)
+    time.sleep(0.5)
+    observer.closed()
+    lines = stream.getvalue().splitlines()
+    assert len(lines) > 2
+    assert lines[0] == "0/2 runs, 0/600 env steps, 0 steps/s, ? left"
+
+
+def test_live_progress_draws_what_is_running(tmp_path: Path) -> None:
+    (spec,) = walkers()
+    stream = io.StringIO()
+    observer = LiveProgress(Console(file=stream, force_terminal=True, width=120, no_color=True))
+    sprl_bench.records.write(spec.path(tmp_path) / "spec.json", spec)
+    (spec.path(tmp_path) / "metrics.jsonl").write_text('{"env_steps": 60, "wall_time_s": 2.0}\n')
+    with lock(spec.path(tmp_path)):
+        observer.started([spec], tmp_path)
+        observer.ended(Outcome(replace_seed(spec), "failed", "it [broke]"))
+        time.sleep(0.7)
+        observer.closed()
+    text = stream.getvalue()
+    assert "walker on FourRooms-7x7-300, seed 0" in text
+    assert "30 steps/s" in text
+    assert "8 s left" in text
+    assert "failed: walker on FourRooms-7x7-300, seed 9: it [broke]" in text
+
+
+def replace_seed(spec: RunSpec) -> RunSpec:
+    return spec.model_copy(update={"seed": 9})
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0 s"), (59.4, "59 s"), (59.6, "1 min 00 s"), (185, "3 min 05 s"), (7800, "2 h 10 min"), (None, "?")],
+)
+def test_durations_read_well(seconds: float | None, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def test_a_lock_is_seen_and_ends_with_its_holder(tmp_path: Path) -> None:
+    assert not is_locked(tmp_path)
+    with lock(tmp_path):
+        assert is_locked(tmp_path)
+        with pytest.raises(LockedError), lock(tmp_path):
+            pass
+        assert is_locked(tmp_path)
+    assert not is_locked(tmp_path)
+    code = "import os, sys; from pathlib import Path; from sprl_bench.recorder.folder import lock\n"
+    code += "with lock(Path(sys.argv[1])): os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False, timeout=120)
+    assert (tmp_path / ".lock").exists()
+    with lock(tmp_path):
+        pass
+    assert not list(tmp_path.iterdir())
