@@ -1,14 +1,14 @@
-"""Measure every row, or those of the files named: `python -m benchmarks [grid] [learner]`."""
+"""Measure every row, or those of the files named: `python -m benchmarks [fetch] [grid] [learner]`."""
 
 from __future__ import annotations
 
 import sys
 
-from benchmarks import grid, learner
+from benchmarks import fetch, grid, learner
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
-ROOMS = {"grid": grid.rows, "learner": learner.rows}
+ROOMS = {"fetch": fetch.rows, "grid": grid.rows, "learner": learner.rows}
 
 
 def main(names: list[str]) -> int:
