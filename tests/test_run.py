@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -127,7 +127,7 @@ def test_the_record_is_what_the_environment_gave(uninterrupted: Path) -> None:
 def test_an_interrupted_run_comes_to_the_same(tmp_path: Path, uninterrupted: Path, cuts: list[int]) -> None:
     spec = make_spec()
     for cut in cuts:
-        with pytest.raises(InterruptedRunError, match="env steps; the same command goes on"):
+        with pytest.raises(InterruptedRunError, match="env steps; the same command goes on from there"):
             run(spec, tmp_path, stop=after(cut))
         assert not (spec.path(tmp_path) / "record.json").exists()
     run(spec, tmp_path)
@@ -215,7 +215,7 @@ def test_a_signal_lets_the_update_finish_and_saves(tmp_path: Path, uninterrupted
 
 def test_an_agent_that_cannot_save_starts_over_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     spec = make_spec("harness_fakes:forgetful")
-    with pytest.raises(InterruptedRunError):
+    with pytest.raises(InterruptedRunError, match="the same command starts it over"):
         run(spec, tmp_path, stop=after(5))
     assert not (spec.path(tmp_path) / "checkpoint.safetensors").exists()
     run(spec, tmp_path)
@@ -347,22 +347,21 @@ def test_the_seed_of_the_streams_never_changes() -> None:
     assert env_seed(make_spec(seed=0)) == 364038052
 
 
-@pytest.fixture(autouse=True)
-def _torch_as_it_was() -> Iterator[None]:
+def test_the_process_is_set_up_as_the_spec_says_and_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness_fakes
     import torch
 
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    torch.set_flush_denormal(False)
+    seen = []
 
+    def look(_: Any) -> None:
+        seen.append((torch.get_num_threads(), float(torch.tensor(1e-310, dtype=torch.float64) * 0.5)))
 
-def test_the_process_is_set_up_as_the_spec_says(tmp_path: Path) -> None:
-    import torch
-
-    run(make_spec(budget=60).model_copy(update={"torch_threads": 2}), tmp_path)
-    assert torch.get_num_threads() == 2
-    assert (torch.tensor(1e-310, dtype=torch.float64) * 0.5).item() == 0.0
+    before = torch.get_num_threads()
+    monkeypatch.setattr(harness_fakes.Walker, "_misbehave", look)
+    run(make_spec(budget=60, after=1).model_copy(update={"torch_threads": before + 1}), tmp_path)
+    assert seen == [(before + 1, 0.0)]
+    assert torch.get_num_threads() == before
+    assert float(torch.tensor(1e-310, dtype=torch.float64) * 0.5) > 0
 
 
 def test_a_run_without_torch_does_not_load_it(tmp_path: Path) -> None:

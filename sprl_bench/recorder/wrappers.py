@@ -46,6 +46,9 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         env: A vector environment whose `metadata` names its autoreset mode.
         budget: Environment steps after which nothing is recorded any more; steps go on as before.
         listener: Is told of the budget's end and of `close`.
+
+    Raises:
+        ValueError: The environment does not name its autoreset mode.
     """
 
     def __init__(
@@ -55,6 +58,8 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         listener: Listener = SILENT,
     ) -> None:
         super().__init__(env)
+        if "autoreset_mode" not in env.metadata:
+            raise ValueError(f"{env} does not say when it resets: metadata['autoreset_mode'] is missing.")
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
 
