@@ -136,10 +136,10 @@ def test_very_many_steps_equal_those_of_the_single_environments(env_id: str, mod
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("limit", [1, 6, 14, 100, 101, -1])
+@pytest.mark.parametrize("limit", [1, 6, 14, 100, -1])
 @pytest.mark.parametrize("env_id", [IDS[0], IDS[2]])
 def test_a_time_limit_acts_as_the_wrapper_does(env_id: str, limit: int, mode: str) -> None:
-    happened = lock_step(env_id, mode, 16, 60 if 0 < limit < 100 else 220, seed=limit + 5, max_episode_steps=limit)
+    happened = lock_step(env_id, mode, 12, 60 if 0 < limit < 100 else 130, seed=limit + 5, max_episode_steps=limit)
     assert happened["truncated"] > 0 or not 0 < limit < 100
     if (limit, env_id) in ((6, IDS[0]), (14, IDS[2])):
         assert happened["both"] > 0  # the wrapper truncates even where the goal terminates
