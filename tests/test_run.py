@@ -18,7 +18,7 @@ import pytest
 
 from sprl_bench import checkpoint, machine, metrics
 from sprl_bench.agents import load_factory, resolve_hyperparameters
-from sprl_bench.recorder import VectorRecorder, make_envs
+from sprl_bench.recorder import make_envs
 from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
 from sprl_bench.run import CheckpointRefusedError, InterruptedRunError, SpecChangedError, env_seed, run
@@ -142,14 +142,14 @@ def test_checkpoints_change_nothing(tmp_path: Path, uninterrupted: Path) -> None
 
 
 def test_ppo_goes_on_to_the_last_bit(tmp_path: Path) -> None:
-    spec = make_spec("ppo", 1500, num_envs=4, rollout_length=32)
+    spec = make_spec("ppo", 800, num_envs=4, rollout_length=32)
     run(spec, tmp_path / "whole")
     for cut in (1, 4):
         with pytest.raises(InterruptedRunError):
             run(spec, tmp_path / "cut", stop=after(cut))
     run(spec, tmp_path / "cut")
     assert_same_run(spec.path(tmp_path / "cut"), spec.path(tmp_path / "whole"))
-    assert lines(spec.path(tmp_path / "cut"))[-1]["env_steps"] == 1500
+    assert lines(spec.path(tmp_path / "cut"))[-1]["env_steps"] == 800
 
 
 KILLED = """
@@ -370,17 +370,16 @@ def test_a_run_without_torch_does_not_load_it(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "wanted.json"), str(tmp_path)], check=True, timeout=120)
 
 
-def test_the_agent_sees_a_recorded_environment_and_no_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    reset = VectorRecorder.reset
+def test_the_streams_are_the_run_s_and_no_agent_can_seed_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness_fakes
 
-    def spy(self: VectorRecorder, **arguments: Any) -> Any:
-        seen.append(arguments.get("seed"))
-        return reset(self, **arguments)
+    def train(self: Any, envs: Any, budget: int) -> Any:
+        assert envs.unwrapped.np_random_seed == tuple(env_seed(make_spec(budget=60)) + index for index in range(3))
+        envs.reset(seed=4)
 
-    monkeypatch.setattr(VectorRecorder, "reset", spy)
-    run(make_spec(budget=60), tmp_path)
-    assert seen == [env_seed(make_spec(budget=60)), None]
+    monkeypatch.setattr(harness_fakes.Walker, "train", train)
+    with pytest.raises(ValueError, match=r"seed is 4, but these environments are seeded by the run"):
+        run(make_spec(budget=60), tmp_path)
 
 
 def test_resuming_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

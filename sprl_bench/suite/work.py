@@ -68,9 +68,10 @@ def run_suite(
     outcomes: dict[RunKey, Outcome] = {}
     observer.started(specs, out)
     try:
-        for outcome in _work_on(specs, waiting, out, executor):
-            outcomes[_key(outcome.spec)] = outcome
-            observer.ended(outcome)
+        with contextlib.closing(_work_on(specs, waiting, out, executor)) as work:
+            for outcome in work:
+                outcomes[_key(outcome.spec)] = outcome
+                observer.ended(outcome)
     finally:
         observer.closed()
     return [outcomes[_key(spec)] for spec in specs]
@@ -80,32 +81,34 @@ def _key(spec: RunSpec) -> RunKey:
     return spec.suite, spec.task.name, spec.agent, spec.seed
 
 
-def _work_on(specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, executor: Executor) -> Iterator[Outcome]:
+def _work_on(specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, executor: Executor) -> Generator[Outcome]:
     left = {_key(spec) for spec in waiting}
     yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
-    with contextlib.closing(_results(executor, waiting, out)) as results:
-        yield from results
-
-
-def _results(executor: Executor, waiting: Sequence[RunSpec], out: Path) -> Generator[Outcome]:
     for spec, result in executor.map(partial(_attempt, out=out), waiting):
-        if isinstance(result, WorkerDiedError):
-            write_bytes(spec.path(out) / ERROR, f"{result}\n".encode())
-            yield Outcome(spec, "failed", str(result))
-        else:
-            yield result
+        yield _crashed(spec, out, result) if isinstance(result, WorkerDiedError) else result
+
+
+def _crashed(spec: RunSpec, out: Path, error: WorkerDiedError) -> Outcome:
+    _leave_error(spec, out, f"{error}\n")
+    return Outcome(spec, "failed", str(error))
+
+
+def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
+    """Write down why a run failed, unless that is just what cannot be done."""
+    with contextlib.suppress(OSError):
+        write_bytes(spec.path(out) / ERROR, text.encode())
 
 
 def _attempt(spec: RunSpec, out: Path) -> Outcome:
     """Run one spec in a worker, and make of whatever happens an outcome."""
-    folder, parent = spec.path(out), os.getppid()
+    parent = os.getppid()
     try:
-        with _output_to(folder / OUTPUT):
+        with _output_to(spec.path(out) / OUTPUT):
             run(spec, out, stop=lambda: os.getppid() != parent)
     except (InterruptedRunError, LockedError) as error:
         return Outcome(spec, "failed", str(error))
     except Exception as error:  # whatever an agent does wrong, the other runs go on
-        write_bytes(folder / ERROR, traceback.format_exc().encode())
+        _leave_error(spec, out, traceback.format_exc())
         return Outcome(spec, "failed", f"{type(error).__name__}: {error}".partition("\n")[0])
     return Outcome(spec, "finished")
 
