@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from sprl_bench.recorder import record, recording
     from sprl_bench.records import RunRecord, RunSpec, find_records
     from sprl_bench.suite import expand, run_suite, survey
-    from sprl_bench.tables import render, tabulate
+    from sprl_bench.tables import tabulate
+    from sprl_bench.tables.render import render
     from sprl_bench.tasks import SUITES, Suite, Task, find_suite
 
 __version__ = "0.1.0"

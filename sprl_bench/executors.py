@@ -2,11 +2,14 @@
 
 An executor maps a function over specs and gives back each result as it comes. It knows nothing of what the function
 does, except that each call needs as many threads as its spec says and may bring its process down.
+
+Ray and Slurm are thin and are tested against stand-ins only: no cluster takes part in the tests.
 """
 
 from __future__ import annotations
 
 import contextlib
+import faulthandler
 import importlib
 import multiprocessing
 import os
@@ -128,7 +131,8 @@ class _Worker(Generic[Result]):
 
 
 def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[Any, Any]) -> None:
-    """Be a worker: the parent hears of Ctrl-C too, and asks by SIGTERM."""
+    """Be a worker: the parent hears of Ctrl-C too, and asks by SIGTERM; a crash leaves a traceback."""
+    faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sender.send(function(spec))
 

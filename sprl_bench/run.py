@@ -79,6 +79,7 @@ def run(
         if (record := find_finished(folder, spec)) is not None:
             return record
         remove_leftovers(folder)
+        (folder / ERROR).unlink(missing_ok=True)
         write(folder / SPEC, spec)
         with contextlib.ExitStack() as opened, _Signals() as signals:
             session = _Session(spec, folder, opened)
@@ -126,8 +127,8 @@ def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool
         if session.complete:
             return
         if stop():
-            session.save()
-            raise InterruptedRunError(f"Interrupted after {session.env_steps} env steps; the same command goes on.")
+            what_next = "goes on from there" if session.save() else "starts it over"
+            raise InterruptedRunError(f"Interrupted after {session.env_steps} env steps; the same command {what_next}.")
         if time.monotonic() - last >= checkpoint_every_s:
             session.save()
             last = time.monotonic()
@@ -152,11 +153,11 @@ class _Session:
         self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
         self._commits = [machine.git_commit()]
         factory = load_factory(spec.source or spec.agent)
-        _set_up_process(spec)
+        opened.enter_context(_process_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments)
-        self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget)))
-        self._envs.reset(seed=env_seed(spec))
+        self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
+        envs.reset(seed=env_seed(spec))
         state = self._saved_state()
         self._metrics = opened.enter_context((folder / METRICS).open("ab"))
         self._metrics.truncate(state["metrics_bytes"] if state else 0)
@@ -187,10 +188,10 @@ class _Session:
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
 
-    def save(self) -> None:
-        """Write a checkpoint, if this run can have one."""
+    def save(self) -> bool:
+        """Write a checkpoint if this run can have one, and return whether it can."""
         if not self._resumable:
-            return
+            return False
         state = {
             "spec": self.spec.model_dump_json(),
             "versions": machine.versions(),
@@ -203,6 +204,7 @@ class _Session:
             "agent": self._agent.state_dict(),  # type: ignore[attr-defined] # checked by _resumable
         }
         checkpoint.save(self._folder / CHECKPOINT, state)
+        return True
 
     @property
     def _resumable(self) -> bool:
@@ -255,17 +257,25 @@ class _Session:
             peak_memory_mib=self._earlier_peak_mib,
             git_commit=", ".join(commit for commit in self._commits if commit) or None,
         )
-        for name in (CHECKPOINT, ERROR):
-            (self._folder / name).unlink(missing_ok=True)
+        (self._folder / CHECKPOINT).unlink(missing_ok=True)
         return record
 
 
-def _set_up_process(spec: RunSpec) -> None:
+@contextlib.contextmanager
+def _process_set_up(spec: RunSpec) -> Iterator[None]:
     """Set what belongs to the process, if the agent has loaded torch: threads, and denormal numbers counted as 0."""
     torch = sys.modules.get("torch")
-    if torch is not None:
-        torch.set_num_threads(spec.torch_threads)
-        torch.set_flush_denormal(True)
+    if torch is None:
+        yield
+        return
+    threads, flushed = torch.get_num_threads(), float.fromhex("0x1p-1022") * 0.5 == 0.0
+    torch.set_num_threads(spec.torch_threads)
+    torch.set_flush_denormal(True)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_flush_denormal(flushed)
 
 
 class _Signals:

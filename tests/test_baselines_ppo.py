@@ -221,13 +221,13 @@ def test_what_follows_a_truncation_counts_only_on_request() -> None:
 
 
 def test_every_epoch_sees_every_sample_once_in_near_equal_parts() -> None:
-    ppo = learner(minibatches=5, epochs=2)
+    ppo = learner(minibatches=7, epochs=2)
     samples = ppo._samples(made_up_rollout(), torch.arange(64.0).view(16, 4))
     parts = [part.returns for part in ppo._minibatches(samples)]
-    assert [len(part) for part in parts] == [13, 13, 13, 13, 12] * 2
-    for epoch in (parts[:5], parts[5:]):
+    assert [len(part) for part in parts] == [10, 9, 9, 9, 9, 9, 9] * 2
+    for epoch in (parts[:7], parts[7:]):
         assert torch.equal(torch.cat(epoch).sort().values, samples.returns.sort().values)
-    assert not torch.equal(torch.cat(parts[:5]), torch.cat(parts[5:]))
+    assert not torch.equal(torch.cat(parts[:7]), torch.cat(parts[7:]))
 
 
 def test_annealing_follows_the_remaining_budget() -> None:

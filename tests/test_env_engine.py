@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import hashlib
 import os
+import pickle
+import random
 from collections import Counter
 from typing import Any
 
@@ -136,10 +140,10 @@ def test_very_many_steps_equal_those_of_the_single_environments(env_id: str, mod
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("limit", [1, 6, 14, 100, 101, -1])
+@pytest.mark.parametrize("limit", [1, 6, 14, 100, -1])
 @pytest.mark.parametrize("env_id", [IDS[0], IDS[2]])
 def test_a_time_limit_acts_as_the_wrapper_does(env_id: str, limit: int, mode: str) -> None:
-    happened = lock_step(env_id, mode, 16, 60 if 0 < limit < 100 else 220, seed=limit + 5, max_episode_steps=limit)
+    happened = lock_step(env_id, mode, 12, 60 if 0 < limit < 100 else 130, seed=limit + 5, max_episode_steps=limit)
     assert happened["truncated"] > 0 or not 0 < limit < 100
     if (limit, env_id) in ((6, IDS[0]), (14, IDS[2])):
         assert happened["both"] > 0  # the wrapper truncates even where the goal terminates
@@ -195,9 +199,6 @@ def test_the_number_of_threads_changes_nothing(env_id: str, monkeypatch: pytest.
 
 
 def test_copying_an_engine_continues_both_alike() -> None:
-    import copy
-    import pickle
-
     ours = gymnasium.make_vec(IDS[2], 9)
     ours.reset(seed=1)
     rng = np.random.default_rng(0)
@@ -209,3 +210,24 @@ def test_copying_an_engine_continues_both_alike() -> None:
         result = ours.step(actions)
         for other in copies:
             assert_same(other.step(actions), result)
+
+
+GOLDEN = {
+    "SPRL/FourRooms-7x7-v1": "f3d08058e9305e15",
+    "SPRL/FourRooms-11x11-v1": "207784e930b50bd2",
+    "SPRL/KeyDoors-7x7-v1": "6c8da4571f90c155",
+    "SPRL/KeyDoors-11x11-v1": "329b76e6ca981f92",
+}
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_a_version_stays_the_same_environment(env_id: str) -> None:
+    """What a seed and some actions lead to is part of the id: whoever changes these hashes needs a new version."""
+    rng = random.Random(0)  # its random() is promised never to change
+    envs = gymnasium.make_vec(env_id, 64)
+    digest = hashlib.sha256(envs.reset(seed=0)[0].tobytes())
+    for _ in range(600):
+        *arrays, infos = envs.step([int(7 * rng.random()) for _ in range(64)])
+        for array in (*arrays, infos["position"]):
+            digest.update(array.tobytes())
+    assert digest.hexdigest()[:16] == GOLDEN[env_id]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import gymnasium
 import numpy as np
 import pytest
@@ -34,6 +36,13 @@ def assert_uniform(values: np.ndarray, expected: int) -> None:
     _, counts = np.unique(values, axis=0, return_counts=True)
     assert len(counts) == expected
     assert stats.chisquare(counts).pvalue > P_VALUE
+
+
+def assert_independent(features: dict[str, np.ndarray]) -> None:
+    """Check that no two features tell anything about each other."""
+    for (name, one), (other_name, other) in itertools.combinations(features.items(), 2):
+        joint = stats.contingency.crosstab(one, other).count
+        assert stats.chi2_contingency(joint).pvalue > P_VALUE, (name, other_name)
 
 
 def assert_outer_wall(kinds: np.ndarray) -> None:
@@ -74,6 +83,46 @@ def test_four_rooms_agent_and_goal_are_uniform_over_distinct_free_cells(size: in
     assert_uniform(first[:, None], num_free)
     assert_uniform(second[:, None], num_free)
     assert_uniform(((second - first) % num_free)[:, None], num_free - 1)
+
+
+def test_four_rooms_draws_are_independent() -> None:
+    observations = starts("SPRL/FourRooms-7x7-v1", seed=2 * 10**6)
+    kinds = observations[..., 0]
+    count = np.arange(len(kinds))
+    agent, goal = cell_of(kinds, AGENT), cell_of(kinds, GOAL)
+    rank = (kinds != WALL).reshape(len(kinds), -1).cumsum(axis=1) - 1
+    first, second = (rank[count, cell[:, 0] * 7 + cell[:, 1]] for cell in (agent, goal))
+    assert_independent(
+        {
+            "gap up": (kinds[:, 1:3, 3] != WALL).argmax(axis=1),
+            "gap down": (kinds[:, 4:6, 3] != WALL).argmax(axis=1),
+            "gap left": (kinds[:, 3, 1:3] != WALL).argmax(axis=1),
+            "gap right": (kinds[:, 3, 4:6] != WALL).argmax(axis=1),
+            "agent": first,
+            "direction": observations[count, agent[:, 0], agent[:, 1], 2],
+            "goal, seen from the agent": (second - first) % 20,
+        }
+    )
+
+
+def test_key_doors_draws_are_independent_given_the_wall() -> None:
+    observations = starts("SPRL/KeyDoors-7x7-v1", seed=2 * 10**6)
+    kinds = observations[..., 0]
+    agent, key, goal, door = (cell_of(kinds, kind) for kind in (AGENT, KEY, GOAL, DOOR))
+    direction = observations[np.arange(len(kinds)), agent[:, 0], agent[:, 1], 2]
+    for column in (2, 3, 4):
+        here = door[:, 1] == column
+        first, second = (cell[here][:, 0] - 1 + 5 * (cell[here][:, 1] - 1) for cell in (agent, key))
+        assert_independent(
+            {
+                "door": door[here][:, 0],
+                "agent": first,
+                "direction": direction[here],
+                "key, seen from the agent": (second - first) % (5 * (column - 1)),
+                "goal": goal[here][:, 0] * 7 + goal[here][:, 1],
+            }
+        )
+    assert_independent({"wall": door[:, 1], "door": door[:, 0], "direction": direction})
 
 
 @pytest.mark.parametrize("size", [7, 11])

@@ -266,7 +266,7 @@ BROKEN_STATES = {
 def test_a_state_that_cannot_be_is_refused_and_changes_nothing(broken: Any) -> None:
     envs = engine()
     before = envs.get_state()
-    with pytest.raises(ValueError, match=r"[Ss]tate"):
+    with pytest.raises(ValueError, match=r"^state"):
         envs.set_state(broken(before))
     assert_same(envs.get_state(), before)
 

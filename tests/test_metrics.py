@@ -203,6 +203,11 @@ def test_a_band_holds_the_mean_curve_and_resamples_whole_runs() -> None:
     assert band is not None
     assert_allclose(band[0], np.minimum(*opposite))
     assert_allclose(band[1], np.maximum(*opposite))
+    # The mean of 16 draws from {0, 1} is binomial: P(at most 3) = 0.011 and P(at most 4) = 0.038, so 4/16 and 12/16.
+    coins = np.repeat([[0.0], [1.0]], 8, axis=0)
+    band = metrics.curve_band(coins, np.random.default_rng(9))
+    assert band is not None
+    assert (band[0].item(), band[1].item()) == (0.25, 0.75)
 
 
 # 95 % percentile intervals by rliable 1.2.0 (with arch 7.2.0, numpy 2.4.6, scipy 1.17.1, pandas 2.3.3, Python 3.11.7):

@@ -212,7 +212,8 @@ def test_returns_lose_nothing_to_rounding() -> None:
     log, rewards = EpisodeLog(1, 10**6), [1e16, 1.0, 1.0, 1.0, -1e16, 0.1, 0.2]
     for index, reward in enumerate(rewards):
         log.step(np.array([reward]), np.array([index == len(rewards) - 1]), np.array([False]))
-    assert log.episodes["return"][0] == math.fsum(rewards)
+    log.step(np.array([0.5]), np.array([True]), np.array([False]))
+    assert log.episodes["return"].tolist() == [math.fsum(rewards), 0.5]
     assert log.episodes["return"][0] != sum(rewards)
 
 
@@ -275,8 +276,7 @@ def feed(log: EpisodeLog, stream: Steps) -> None:
         if log.autoreset is AutoresetMode.DISABLED:
             mask |= log._over
         log.reset(mask)
-        over = log._over.copy()
-        log.step(np.where(over, 0.0, rewards), np.array(ended) & ~over, np.array(success))
+        log.step(np.array(rewards), np.array(ended), np.array(success))
 
 
 @settings(deadline=None, max_examples=60)
@@ -288,8 +288,9 @@ def test_the_log_equals_a_plain_reference(drawn: tuple[int, Steps], mode: Autore
 
 
 @settings(deadline=None, max_examples=60)
-@given(streams(), st.sampled_from(AutoresetMode), st.integers(0, 40))
-def test_a_log_goes_on_from_its_state(drawn: tuple[int, Steps], mode: AutoresetMode, cut: int) -> None:
+@given(streams(), st.sampled_from(AutoresetMode), st.data())
+def test_a_log_goes_on_from_its_state(drawn: tuple[int, Steps], mode: AutoresetMode, data: st.DataObject) -> None:
+    cut = data.draw(st.integers(0, len(drawn[1])))
     whole, first, second = (EpisodeLog(drawn[0], 100, mode) for _ in range(3))
     feed(whole, drawn[1])
     feed(first, drawn[1][:cut])
@@ -299,6 +300,20 @@ def test_a_log_goes_on_from_its_state(drawn: tuple[int, Steps], mode: AutoresetM
     feed(second, drawn[1][cut:])
     assert rows(second) == rows(whole) == rows(first)
     assert (second.env_steps, second.abandoned) == (whole.env_steps, whole.abandoned)
+
+
+def test_the_state_holds_what_is_under_way() -> None:
+    first, second = (EpisodeLog(2, 100, AutoresetMode.NEXT_STEP) for _ in range(2))
+    calls = [([0.5, 0.5], [False, True]), ([1.0, 0.0], [False, False]), ([1.0, 1.0], [True, True])]
+    for rewards, ended in calls[:1]:
+        first.step(np.array(rewards), np.array(ended), np.array([False, False]))
+    state = first.state_dict()
+    for rewards, ended in calls[1:]:
+        first.step(np.array(rewards), np.array(ended), np.array([False, False]))
+    second.load_state_dict(state)
+    for rewards, ended in calls[1:]:
+        second.step(np.array(rewards), np.array(ended), np.array([False, False]))
+    assert rows(first) == rows(second) == [(2, 1, 0.5, 1, False), (4, 0, 2.5, 3, False), (5, 1, 1.0, 1, False)]
 
 
 def test_the_log_grows_beyond_its_first_rows() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import gc
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -282,6 +284,21 @@ def test_what_is_recorded_cannot_be_recorded_again(tmp_path: Path) -> None:
         sprl_bench.record(envs, out=tmp_path, agent="other", seed=1)
     with pytest.raises(ValueError, match="being recorded already"):
         sprl_bench.record(gymnasium.make_vec(ID, 2), out=tmp_path, agent="other", seed=0)
+
+
+def test_what_is_recorded_is_not_copied(tmp_path: Path) -> None:
+    common: dict[str, Any] = {"out": tmp_path, "agent": "mine"}
+    recorded = [
+        sprl_bench.record(make(), seed=0, **common),
+        sprl_bench.record(gymnasium.make_vec(ID, 2), seed=1, **common),
+    ]
+    for env in recorded:
+        for copying in (copy.deepcopy, pickle.dumps):
+            with pytest.raises(
+                TypeError, match="cannot be copied or pickled; record each environment where it is used"
+            ):
+                copying(env)
+        copy.deepcopy(env.unwrapped)
 
 
 @pytest.mark.parametrize(

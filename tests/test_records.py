@@ -75,6 +75,7 @@ BROKEN = {
     "a score that is not finite": ('"auc": 0.5', '"auc": NaN', "scores.auc"),
     "infinity": ('"auc": 0.5', '"auc": Infinity', "scores.auc"),
     "a float that overflows": ('"auc": 0.5', '"auc": 1e999', "scores.auc"),
+    "an amount that overflows": ('"wall_time_s": 1.5', '"wall_time_s": 1e999', "wall_time_s"),
     "a huge whole number for a float": ('"auc": 0.5', f'"auc": 1{"0" * 400}', "scores.auc"),
     "a huge whole number for a count": ('"seed": 0', f'"seed": 1{"0" * 400}', "spec.seed"),
     "a number of too many digits": ('"seed": 0', f'"seed": 1{"0" * 9_000}', "Invalid JSON"),

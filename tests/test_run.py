@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import pytest
 
 from sprl_bench import checkpoint, machine, metrics
 from sprl_bench.agents import load_factory, resolve_hyperparameters
-from sprl_bench.recorder import VectorRecorder, make_envs
+from sprl_bench.recorder import make_envs
 from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
 from sprl_bench.run import CheckpointRefusedError, InterruptedRunError, SpecChangedError, env_seed, run
@@ -127,7 +127,7 @@ def test_the_record_is_what_the_environment_gave(uninterrupted: Path) -> None:
 def test_an_interrupted_run_comes_to_the_same(tmp_path: Path, uninterrupted: Path, cuts: list[int]) -> None:
     spec = make_spec()
     for cut in cuts:
-        with pytest.raises(InterruptedRunError, match="env steps; the same command goes on"):
+        with pytest.raises(InterruptedRunError, match="env steps; the same command goes on from there"):
             run(spec, tmp_path, stop=after(cut))
         assert not (spec.path(tmp_path) / "record.json").exists()
     run(spec, tmp_path)
@@ -142,14 +142,14 @@ def test_checkpoints_change_nothing(tmp_path: Path, uninterrupted: Path) -> None
 
 
 def test_ppo_goes_on_to_the_last_bit(tmp_path: Path) -> None:
-    spec = make_spec("ppo", 1500, num_envs=4, rollout_length=32)
+    spec = make_spec("ppo", 800, num_envs=4, rollout_length=32)
     run(spec, tmp_path / "whole")
     for cut in (1, 4):
         with pytest.raises(InterruptedRunError):
             run(spec, tmp_path / "cut", stop=after(cut))
     run(spec, tmp_path / "cut")
     assert_same_run(spec.path(tmp_path / "cut"), spec.path(tmp_path / "whole"))
-    assert lines(spec.path(tmp_path / "cut"))[-1]["env_steps"] == 1500
+    assert lines(spec.path(tmp_path / "cut"))[-1]["env_steps"] == 800
 
 
 KILLED = """
@@ -215,7 +215,7 @@ def test_a_signal_lets_the_update_finish_and_saves(tmp_path: Path, uninterrupted
 
 def test_an_agent_that_cannot_save_starts_over_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     spec = make_spec("harness_fakes:forgetful")
-    with pytest.raises(InterruptedRunError):
+    with pytest.raises(InterruptedRunError, match="the same command starts it over"):
         run(spec, tmp_path, stop=after(5))
     assert not (spec.path(tmp_path) / "checkpoint.safetensors").exists()
     run(spec, tmp_path)
@@ -347,22 +347,21 @@ def test_the_seed_of_the_streams_never_changes() -> None:
     assert env_seed(make_spec(seed=0)) == 364038052
 
 
-@pytest.fixture(autouse=True)
-def _torch_as_it_was() -> Iterator[None]:
+def test_the_process_is_set_up_as_the_spec_says_and_put_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness_fakes
     import torch
 
-    threads = torch.get_num_threads()
-    yield
-    torch.set_num_threads(threads)
-    torch.set_flush_denormal(False)
+    seen = []
 
+    def look(_: Any) -> None:
+        seen.append((torch.get_num_threads(), float(torch.tensor(1e-310, dtype=torch.float64) * 0.5)))
 
-def test_the_process_is_set_up_as_the_spec_says(tmp_path: Path) -> None:
-    import torch
-
-    run(make_spec(budget=60).model_copy(update={"torch_threads": 2}), tmp_path)
-    assert torch.get_num_threads() == 2
-    assert (torch.tensor(1e-310, dtype=torch.float64) * 0.5).item() == 0.0
+    before = torch.get_num_threads()
+    monkeypatch.setattr(harness_fakes.Walker, "_misbehave", look)
+    run(make_spec(budget=60, after=1).model_copy(update={"torch_threads": before + 1}), tmp_path)
+    assert seen == [(before + 1, 0.0)]
+    assert torch.get_num_threads() == before
+    assert float(torch.tensor(1e-310, dtype=torch.float64) * 0.5) > 0
 
 
 def test_a_run_without_torch_does_not_load_it(tmp_path: Path) -> None:
@@ -371,17 +370,16 @@ def test_a_run_without_torch_does_not_load_it(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "wanted.json"), str(tmp_path)], check=True, timeout=120)
 
 
-def test_the_agent_sees_a_recorded_environment_and_no_seed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    reset = VectorRecorder.reset
+def test_the_streams_are_the_run_s_and_no_agent_can_seed_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import harness_fakes
 
-    def spy(self: VectorRecorder, **arguments: Any) -> Any:
-        seen.append(arguments.get("seed"))
-        return reset(self, **arguments)
+    def train(self: Any, envs: Any, budget: int) -> Any:
+        assert envs.unwrapped.np_random_seed == tuple(env_seed(make_spec(budget=60)) + index for index in range(3))
+        envs.reset(seed=4)
 
-    monkeypatch.setattr(VectorRecorder, "reset", spy)
-    run(make_spec(budget=60), tmp_path)
-    assert seen == [env_seed(make_spec(budget=60)), None]
+    monkeypatch.setattr(harness_fakes.Walker, "train", train)
+    with pytest.raises(ValueError, match=r"seed is 4, but these environments are seeded by the run"):
+        run(make_spec(budget=60), tmp_path)
 
 
 def test_resuming_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -101,7 +101,7 @@ def test_a_walled_in_goal_cannot_be_reached() -> None:
     seed=st.integers(0, 2**32),
     actions=st.lists(st.sampled_from([0, 1, 2, 2, 2, 3, 4, 5]), max_size=60),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 def test_reachability_equals_brute_force_on_the_environment(env_id: str, seed: int, actions: list[int]) -> None:
     depth = 5
     env = env_after(env_id, seed, actions)

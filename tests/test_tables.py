@@ -7,10 +7,13 @@ import io
 import json
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
+from sprl_bench import metrics
 from sprl_bench.records import RunRecord
 from sprl_bench.tables import (
+    BOOTSTRAP_SEED,
     FORMATS,
     IncomparableError,
     MissingRunsError,
@@ -63,6 +66,18 @@ def test_the_same_records_give_the_same_bytes_in_any_order(grid_7x7: list[RunRec
     forward, backward = tabulate(grid_7x7), tabulate(reversed(grid_7x7))
     for form in FORMATS:
         assert render(forward, form) == render(backward, form)
+
+
+def test_intervals_come_from_the_documented_seed(make_record: MakeRecord) -> None:
+    levels = np.random.default_rng(0).random(7)
+    records = [make_record(seed=seed, level=level) for seed, level in enumerate(levels)]
+    row = tabulate(records)[0].rows[0]
+    for estimate, statistic in ((row.auc, metrics.mean), (row.auc_iqm, metrics.iqm)):
+        expected = metrics.bootstrap_interval(
+            np.asarray([[record.scores.auc] for record in records]), statistic, np.random.default_rng(BOOTSTRAP_SEED)
+        )
+        assert estimate is not None
+        assert estimate.interval == expected
 
 
 def test_another_agent_changes_no_other_row(grid_7x7: list[RunRecord]) -> None:

@@ -7,7 +7,9 @@ import operator
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-__all__ = ["check_choice", "check_integer", "refuse_unknown"]
+import numpy as np
+
+__all__ = ["check_array", "check_choice", "check_entries", "check_integer", "refuse_unknown"]
 
 
 def check_integer(name: str, value: object, low: int, high: int | None = None) -> int:
@@ -53,6 +55,29 @@ def refuse_unknown(where: str, unknown: Mapping[str, Any], allowed: Iterable[str
             f"{where} takes no argument {name!r} (got {name}={value!r}); it takes {', '.join(known)}."
             f"{_suggestion(name, known)}"
         )
+
+
+def check_entries(name: str, value: object, expected: Iterable[str]) -> None:
+    """Refuse a ``value`` that is not a mapping with exactly the ``expected`` entries.
+
+    Raises:
+        ValueError: It is not.
+    """
+    names = sorted(expected)
+    if not isinstance(value, Mapping) or sorted(value) != names:
+        got = sorted(value) if isinstance(value, Mapping) else type(value).__name__
+        raise ValueError(f"{name} must have exactly the entries {names}, got {got}.")
+
+
+def check_array(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """Refuse a ``value`` that is not an array of this shape and type.
+
+    Raises:
+        ValueError: It is not.
+    """
+    if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != dtype:
+        got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
+        raise ValueError(f"{name} must be an array {dtype} {shape}, got {got}.")
 
 
 def _suggestion(value: object, choices: Iterable[object]) -> str:

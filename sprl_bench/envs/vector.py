@@ -19,7 +19,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
+from sprl_bench.envs.arguments import check_array, check_choice, check_entries, check_integer, refuse_unknown
+from sprl_bench.envs.seeds import checked_seeds, pack_seeds, random_seed, unpack_seeds
 from sprl_bench.envs.threads import Threads
 
 __all__ = ["ARGUMENTS", "BatchedEnv"]
@@ -176,7 +177,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         """
         mask = self._checked_mask(options)
         rows = np.flatnonzero(mask)
-        self._apply_seeds(rows, self._checked_seeds(seed, rows))
+        self._apply_seeds(rows, checked_seeds(seed, rows, self.num_envs))
         self._begin(rows)
         self._ended[rows] = False
         self._is_reset = True
@@ -266,27 +267,10 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
 
     # Seeds and streams.
 
-    def _checked_seeds(self, seed: Any, rows: Rows) -> list[int | None]:
-        """Return one seed or None for each of ``rows``."""
-        if seed is None:
-            return [None] * len(rows)
-        seeds = [seed + row for row in range(self.num_envs)] if isinstance(seed, int) else seed
-        if not isinstance(seeds, Sequence) or isinstance(seeds, str):
-            raise TypeError(f"seed must be an int, a list of num_envs ints or None, or None, got {seed!r}.")
-        if len(seeds) != self.num_envs:
-            raise ValueError(
-                f"seed must have one entry for each of {self.num_envs} sub-environments, got {len(seeds)}."
-            )
-        chosen = [seeds[row] for row in rows]
-        for value in chosen:
-            if value is not None and not (isinstance(value, int) and value >= 0):
-                raise ValueError(f"seed must be made of non-negative ints or None, got {value!r}.")
-        return chosen
-
     def _apply_seeds(self, rows: Rows, seeds: list[int | None]) -> None:
         """Seed ``rows``; one that has no seed and never had one gets a random one."""
         fresh = {
-            int(row): _random_seed() if seed is None else seed
+            int(row): random_seed() if seed is None else seed
             for row, seed in zip(rows, seeds, strict=True)
             if seed is not None or self._seeds[row] is None
         }
@@ -320,7 +304,8 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         """
         if not self._is_reset:
             raise ResetNeeded("get_state() needs a reset() before it.")
-        return {name: values.copy() for name, values in self._all_arrays().items()} | {"seeds": self._packed_seeds()}
+        copies = {name: values.copy() for name, values in self._all_arrays().items()}
+        return copies | {"seeds": pack_seeds(self.np_random_seed)}
 
     def set_state(self, state: Mapping[str, Array]) -> None:
         """Continue from a state that ``get_state`` of an engine of the same id and N gave.
@@ -329,31 +314,24 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             ValueError: The state is not one of such an engine; nothing has changed.
         """
         arrays = self._all_arrays()
-        _check_names(state, [*arrays, "seeds"])
+        check_entries("state", state, [*arrays, "seeds"])
         for name, values in arrays.items():
-            _check_array(name, state[name], values.shape, values.dtype)
+            check_array(f"state[{name!r}]", state[name], values.shape, values.dtype)
         seeds = state["seeds"]
         num_limbs = np.shape(seeds)[-1] if np.shape(seeds) else 0
-        _check_array("seeds", seeds, (self.num_envs, num_limbs), np.dtype(np.uint64))
+        check_array("state['seeds']", seeds, (self.num_envs, num_limbs), np.dtype(np.uint64))
         if (state["elapsed"] < 0).any():
-            raise ValueError("The state's 'elapsed' must not be negative.")
+            raise ValueError("state['elapsed'] must not be negative.")
         if self._mode is AutoresetMode.SAME_STEP and state["ended"].any():
-            raise ValueError("The state has ended episodes, which no engine with autoreset_mode='SameStep' has.")
+            raise ValueError("state['ended'] must be all False for an engine with autoreset_mode='SameStep'.")
         self._check_state(state)
         for name, values in arrays.items():
             values[...] = state[name]
-        self._seeds = [sum(int(limb) << (64 * place) for place, limb in enumerate(row)) for row in seeds]
+        self._seeds = list(unpack_seeds(seeds))
         self._is_reset = True
 
     def _all_arrays(self) -> dict[str, Array]:
         return {"elapsed": self._elapsed, "ended": self._ended, **self._arrays()}
-
-    def _packed_seeds(self) -> NDArray[np.uint64]:
-        """Return the seeds as uint64 limbs [N, L], the lowest first, L wide enough for the largest (2 or more)."""
-        seeds = self.np_random_seed
-        width = max(2, *(-(-seed.bit_length() // 64) for seed in seeds))
-        packed = b"".join(seed.to_bytes(8 * width, "little") for seed in seeds)
-        return np.frombuffer(packed, "<u8").reshape(self.num_envs, width).astype(np.uint64)
 
     # Pictures, and one sub-environment at a time.
 
@@ -452,21 +430,3 @@ def _time_limit(max_episode_steps: int | None) -> int:
     if max_episode_steps is None or (max_episode_steps == -1 and not isinstance(max_episode_steps, bool)):
         return _NEVER
     return check_integer("max_episode_steps", max_episode_steps, 1)
-
-
-def _random_seed() -> int:
-    entropy = np.random.SeedSequence().entropy
-    assert isinstance(entropy, int)
-    return entropy
-
-
-def _check_names(state: Mapping[str, Array], expected: list[str]) -> None:
-    if not isinstance(state, Mapping) or set(state) != set(expected):
-        got = sorted(state) if isinstance(state, Mapping) else type(state).__name__
-        raise ValueError(f"A state must have exactly the entries {sorted(expected)}, got {got}.")
-
-
-def _check_array(name: str, values: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    if not isinstance(values, np.ndarray) or values.shape != shape or values.dtype != dtype:
-        got = f"{values.dtype} {values.shape}" if isinstance(values, np.ndarray) else type(values).__name__
-        raise ValueError(f"The state's {name!r} must be an array {dtype} {shape}, got {got}.")

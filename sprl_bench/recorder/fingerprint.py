@@ -45,7 +45,7 @@ def _trajectory_hash(envs: VectorEnv[Any, Any, Any]) -> str:
     _take_in(digest, envs.reset(seed=SEED)[0])
     for _ in range(STEPS):
         *seen, infos = envs.step(_actions(envs.single_action_space, generator))
-        _take_in(digest, (*seen, infos.get("final_obs"), infos.get("is_success")))
+        _take_in(digest, (*seen, infos.get("final_obs"), infos.get("final_info", {}).get("is_success")))
     return digest.hexdigest()[:16]
 
 

@@ -61,6 +61,8 @@ def identify(env: Env | Envs) -> Identity:
     """
     if isinstance(env, VectorWrapper):
         raise ValueError(f"{type(env).__name__} lies beneath the recorder; {ADVICE}")
+    if isinstance(env, VectorEnv) and "autoreset_mode" not in env.metadata:
+        raise ValueError(f"{env} does not say when it resets: metadata['autoreset_mode'] is missing.")
     if isinstance(env, SyncVectorEnv):
         return _common([_identify_single(single) for single in env.envs])
     if isinstance(env, AsyncVectorEnv):
@@ -137,7 +139,12 @@ def _registered(made: EnvSpec | None) -> EnvSpec:
 
 def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
     without = NO_DYNAMICS | {"wrappers", "max_episode_steps"}
-    given = {name: value for name, value in arguments.items() if name not in without}
+    own = registered.kwargs
+    given = {
+        name: value
+        for name, value in arguments.items()
+        if name not in without and not (name in own and own[name] == value)
+    }
     return Identity(registered.id, given, {name: v for name, v in _defaults(registered).items() if name not in without})
 
 

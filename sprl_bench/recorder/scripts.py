@@ -236,7 +236,8 @@ class Recording:
 
     def made(self, env: AnyEnv) -> AnyEnv:
         """Return what shall be given to whoever made `env`."""
-        if self._paused or env.spec is None or not env.spec.id.startswith(NAMESPACE):
+        spec = env.unwrapped.spec
+        if self._paused or spec is None or not spec.id.startswith(NAMESPACE):
             return env
         if os.getpid() != self._process:
             raise RuntimeError(

@@ -37,6 +37,7 @@ class Listener:
 
 
 SILENT: Final = Listener()
+UNCOPYABLE: Final = "A recorded environment cannot be copied or pickled; record each environment where it is used."
 
 
 class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
@@ -46,6 +47,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         env: A vector environment whose `metadata` names its autoreset mode.
         budget: Environment steps after which nothing is recorded any more; steps go on as before.
         listener: Is told of the budget's end and of `close`.
+        seeded: Whether the environment has its seed already, and `reset` refuses another one.
     """
 
     def __init__(
@@ -53,13 +55,22 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         env: VectorEnv[Any, Any, Any],
         budget: int,
         listener: Listener = SILENT,
+        *,
+        seeded: bool = False,
     ) -> None:
         super().__init__(env)
+        self._seeded = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; unfinished episodes of what is reset are dropped."""
+        """Reset the environment; unfinished episodes of what is reset are dropped.
+
+        Raises:
+            ValueError: A seed is given where the environment has its own.
+        """
+        if seed is not None and self._seeded:
+            raise ValueError(f"seed is {seed!r}, but these environments are seeded by the run: call reset() without.")
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
@@ -80,6 +91,14 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
             return ended
         source = infos.get("final_info", infos) if self.episode_log.autoreset is AutoresetMode.SAME_STEP else infos
         return np.asarray(source.get("is_success", np.zeros_like(ended))).astype(np.bool_)
+
+    def __getstate__(self) -> Any:
+        """Refuse to be copied or pickled.
+
+        Raises:
+            TypeError: Always: what a copy does would not be recorded, or be recorded twice.
+        """
+        raise TypeError(UNCOPYABLE)
 
     def close(self, **kwargs: Any) -> None:
         """Close the environment."""
@@ -128,6 +147,14 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     @property
     def _here(self) -> slice:
         return slice(self._index, self._index + 1)
+
+    def __getstate__(self) -> Any:
+        """Refuse to be copied or pickled.
+
+        Raises:
+            TypeError: Always: what a copy does would not be recorded, or be recorded twice.
+        """
+        raise TypeError(UNCOPYABLE)
 
     def close(self) -> None:
         """Close the environment."""

@@ -160,11 +160,12 @@ def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
     """Return a line for each field, hyperparameter or argument that differs, such as "seed: 0 on disk, 1 now"."""
     old, new = _flat(on_disk.model_dump(mode="json")), _flat(now.model_dump(mode="json"))
     names = [name for name in {**old, **new} if name != "hyperparameters_hash"]
-    return [
+    changes = [
         f"{name.removeprefix('hyperparameters.')}: {old.get(name, 'absent')!r} on disk, {new.get(name, 'absent')!r} now"
         for name in names
         if old.get(name, "absent") != new.get(name, "absent")
     ]
+    return list(dict.fromkeys(changes))  # num_envs may be a field and a hyperparameter
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 __all__ = [
-    "AGENT", "CLOSED", "DIRECTIONS", "DONE", "DOOR", "DOWN", "DROP", "EMPTY", "FORWARD", "GOAL", "GREEN",
+    "AGENT", "CLOSED", "DONE", "DOOR", "DOWN", "DROP", "EMPTY", "FORWARD", "GOAL", "GREEN",
     "GREY", "HORIZON", "KEY", "LEFT", "LOCKED", "NUM_ACTIONS", "OPEN", "PICKUP", "RED", "RIGHT", "TOGGLE",
     "TURN_LEFT", "TURN_RIGHT", "UP", "WALL", "YELLOW",
 ]  # fmt: skip
@@ -36,8 +36,6 @@ RIGHT: Final = 0
 DOWN: Final = 1
 LEFT: Final = 2
 UP: Final = 3
-DIRECTIONS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))
-"""(dx, dy) of one step in each direction."""
 
 TURN_LEFT: Final = 0
 TURN_RIGHT: Final = 1

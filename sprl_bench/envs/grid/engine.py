@@ -43,12 +43,12 @@ class GridEngine(BatchedEnv):
             single_action_space=Discrete(NUM_ACTIONS),
             **arguments,
         )
-        self._agents = np.zeros((num_envs, 3), np.int64)
-        self._beneath = np.zeros((num_envs, 3), np.uint8)
-        self._carrying = np.zeros(num_envs, np.bool_)
-        self._streams = np.zeros((num_envs, STREAM_LIMBS), np.uint64)
-        self._actions = np.zeros(num_envs, np.int64)
-        self._is_success = np.zeros(num_envs, np.bool_)
+        self._agents = np.zeros((self.num_envs, 3), np.int64)
+        self._beneath = np.zeros((self.num_envs, 3), np.uint8)
+        self._carrying = np.zeros(self.num_envs, np.bool_)
+        self._streams = np.zeros((self.num_envs, STREAM_LIMBS), np.uint64)
+        self._actions = np.zeros(self.num_envs, np.int64)
+        self._is_success = np.zeros(self.num_envs, np.bool_)
 
     def _seed(self, rows: Rows, seeds: list[int]) -> None:
         seed_streams(self._streams, rows, seeds)
@@ -102,17 +102,17 @@ class GridEngine(BatchedEnv):
         cells, (x, y, direction) = state["observations"][..., 0], state["agents"].T
         walled = (cells[:, [0, -1]] == WALL).all() and (cells[:, :, [0, -1]] == WALL).all()
         if not walled or (cells > AGENT).any():
-            raise ValueError("The state's 'observations' must be grids with a wall around them.")
+            raise ValueError("state['observations'] must be grids with a wall around them.")
         inside = (x > 0) & (x < self.single.size - 1) & (y > 0) & (y < self.single.size - 1)
         if not (inside & (direction >= 0) & (direction < 4)).all():
-            raise ValueError("The state's 'agents' must be x and y inside the walls and a direction from 0 to 3.")
+            raise ValueError("state['agents'] must be x and y inside the walls and a direction from 0 to 3.")
         drawn = state["observations"][np.arange(self.num_envs), y, x] == np.stack(
             [np.full_like(direction, AGENT), np.full_like(direction, RED), direction], axis=1
         )
         if not drawn.all() or ((cells == AGENT).sum(axis=(1, 2)) != 1).any():
-            raise ValueError("The state's 'agents' and 'observations' must agree on where the agents are.")
+            raise ValueError("state['agents'] and state['observations'] must agree on where the agents are.")
         if not np.isin(state["beneath"][:, 0], (EMPTY, DOOR, GOAL)).all():
-            raise ValueError("The state's 'beneath' must be cells that an agent can stand on.")
+            raise ValueError("state['beneath'] must be cells that an agent can stand on.")
 
     def _generator(self, row: int) -> np.random.Generator:
         return to_generator(self._streams[row])

@@ -1,0 +1,13 @@
+"""Many runs: from a suite, agents and seeds to specs, from specs to records, and what is left to do.
+
+All that is known about a run lies in its folder, so it does not matter which process or machine works on it: what is
+finished is skipped, what was interrupted goes on, what failed is tried again, and more can be added at any time.
+"""
+
+from __future__ import annotations
+
+from sprl_bench.suite.specs import expand
+from sprl_bench.suite.states import RunState, state_of, survey
+from sprl_bench.suite.work import Observer, Outcome, run_suite
+
+__all__ = ["Observer", "Outcome", "RunState", "expand", "run_suite", "state_of", "survey"]

@@ -1,0 +1,115 @@
+"""From a suite, agents and seeds to specs: every run that is wanted."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import MappingProxyType
+from typing import Any, Final
+
+from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.records import RunSpec
+from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
+
+__all__ = ["expand"]
+
+NUM_ENVS: Final = 12  # where an agent has no opinion
+NONE: Final[Mapping[str, Any]] = MappingProxyType({})
+
+
+def expand(
+    suite: Suite,
+    agents: Sequence[str],
+    seeds: Sequence[int],
+    *,
+    tasks: Sequence[str] | None = None,
+    budget: int | None = None,
+    overrides: Mapping[str, Any] = NONE,
+    device: str = "cpu",
+    torch_threads: int = 1,
+) -> list[RunSpec]:
+    """Return the specs of all runs: every seed of every task and agent.
+
+    A budget is a property of a task. Runs under another one never lie where the suite's scores lie: they belong to
+    the suite "custom", and the budget becomes part of the task's name.
+
+    Args:
+        suite: Where the tasks are from.
+        agents: Names of installed agents, or "package.module:factory", named by its last part.
+        seeds: One run each.
+        tasks: Names of some of the suite's tasks; by default all.
+        budget: Environment steps, instead of each task's own.
+        overrides: Hyperparameters that differ from the presets, for all agents.
+        device: Where agents compute, "auto" for a GPU if there is one.
+        torch_threads: Threads of each run, never derived from the number of workers.
+
+    Raises:
+        ValueError: Something is unknown, out of range, or given twice.
+    """
+    chosen = [_with_budget(suite, task, budget) for task in _chosen_tasks(suite, tasks)]
+    _refuse_repeats("agents", [_agent_name(agent) for agent in agents])
+    _refuse_repeats("seeds", seeds)
+    made = partial(_spec, overrides=overrides, device=_resolve_device(device), torch_threads=torch_threads)
+    return [made(*place, agent, seed) for seed in seeds for place in chosen for agent in agents]
+
+
+def _chosen_tasks(suite: Suite, names: Sequence[str] | None) -> Sequence[Task]:
+    if names is None:
+        return suite.tasks
+    _refuse_repeats("tasks", names)
+    return [suite.task(name) for name in names]
+
+
+def _with_budget(suite: Suite, task: Task, budget: int | None) -> tuple[Suite, Task]:
+    if budget is None or budget == task.budget:
+        return suite, task
+    return CUSTOM, with_budget(task, budget)
+
+
+def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
+    repeated = [value for value, count in Counter(values).items() if count > 1]
+    if repeated:
+        raise ValueError(f"{name} holds {repeated[0]!r} more than once.")
+    if not values:
+        raise ValueError(f"{name} is empty; name at least one.")
+
+
+def _agent_name(agent: str) -> str:
+    return agent.partition(":")[2].replace(".", "-") or agent
+
+
+def _resolve_device(device: str) -> str:
+    if device != "auto":
+        return device
+    if importlib.util.find_spec("torch") is None:
+        return "cpu"
+    import torch  # noqa: PLC0415 - only asked where the choice is left to us
+
+    return "cuda" if torch.cuda.is_available() else "cpu"
+
+
+def _spec(
+    suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], device: str, torch_threads: int
+) -> RunSpec:
+    factory = load_factory(agent)
+    own = dict(overrides)
+    if "num_envs" not in resolve_hyperparameters(factory, task.domain, {}):
+        num_envs = own.pop("num_envs", NUM_ENVS)
+        hyperparameters = resolve_hyperparameters(factory, task.domain, own)
+    else:
+        hyperparameters = resolve_hyperparameters(factory, task.domain, own)
+        num_envs = hyperparameters["num_envs"]
+    return RunSpec.of(
+        suite,
+        task,
+        hyperparameters=hyperparameters,
+        agent=_agent_name(agent),
+        source=agent,
+        privileged=getattr(factory, "privileged", False),
+        seed=seed,
+        num_envs=num_envs,
+        device=device,
+        torch_threads=torch_threads,
+    )

@@ -1,0 +1,94 @@
+"""How far runs are, as their folders tell: the same for all, whoever works on them and wherever."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from sprl_bench.recorder.folder import ERROR, METRICS, RECORD, SPEC, is_locked
+from sprl_bench.records import RunRecord, RunSpec, read
+
+__all__ = ["RunState", "state_of", "survey"]
+
+TAIL_BYTES: Final = 1 << 15
+
+
+@dataclass(frozen=True)
+class RunState:
+    """How far a run is, as its folder tells.
+
+    Attributes:
+        spec: Which run.
+        status: "interrupted" has begun, and nothing works on it; "waiting" has not begun.
+        env_steps: Taken so far.
+        steps_per_second: Lately; 0 where nothing works on it.
+        seconds_left: At that speed; None where it cannot be told.
+    """
+
+    spec: RunSpec
+    status: Literal["finished", "running", "interrupted", "failed", "waiting"]
+    env_steps: int
+    steps_per_second: float
+    seconds_left: float | None
+
+
+def survey(out: Path) -> list[RunState]:
+    """Return the state of every run below `out`, in the order of their paths.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        InvalidFileError: A file there is broken.
+    """
+    if not out.exists():
+        raise FileNotFoundError(f"{out} does not exist.")
+    folders = {path.parent for name in (SPEC, RECORD) for path in out.rglob(name)}
+    return [_state(folder) for folder in sorted(folders)]
+
+
+def state_of(spec: RunSpec, out: Path) -> RunState:
+    """Return how far a run is."""
+    folder = spec.path(out)
+    if (folder / RECORD).exists():
+        record = read(folder / RECORD, RunRecord)
+        if record.status == "complete":
+            return RunState(spec, "finished", record.totals.env_steps, 0.0, 0.0)
+        if not (folder / METRICS).exists():
+            return RunState(spec, "interrupted", record.totals.env_steps, 0.0, None)
+    env_steps, speed = _progress(folder / METRICS)
+    if is_locked(folder):
+        left = max(0, spec.task.budget - env_steps) / speed if speed else None
+        return RunState(spec, "running", env_steps, speed, left)
+    if (folder / ERROR).exists():
+        return RunState(spec, "failed", env_steps, 0.0, None)
+    return RunState(spec, "interrupted" if env_steps else "waiting", env_steps, 0.0, None)
+
+
+def _state(folder: Path) -> RunState:
+    written = (folder / SPEC).exists()
+    spec = read(folder / SPEC, RunSpec) if written else read(folder / RECORD, RunRecord).spec
+    return state_of(spec, folder.parents[3])
+
+
+def _progress(path: Path) -> tuple[int, float]:
+    """Return the env steps taken, and the steps per second lately, from the end of a file of metrics."""
+    lines = _last_lines(path)
+    if not lines:
+        return 0, 0.0
+    first, last = lines[0] if len(lines) > 1 else {"env_steps": 0, "wall_time_s": 0.0}, lines[-1]
+    seconds = last["wall_time_s"] - first["wall_time_s"]
+    return last["env_steps"], (last["env_steps"] - first["env_steps"]) / seconds if seconds > 0 else 0.0
+
+
+def _last_lines(path: Path) -> list[dict[str, Any]]:
+    """Return the whole lines within the last kilobytes; the very last one may still be in the writing."""
+    try:
+        with path.open("rb") as file:
+            start = max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES)
+            file.seek(start)
+            lines = file.read().split(b"\n")
+    except FileNotFoundError:
+        return []
+    return [json.loads(line) for line in lines[1 if start else 0 : -1] if line.endswith(b"}")]
