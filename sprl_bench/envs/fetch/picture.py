@@ -46,7 +46,7 @@ class Picture:
 
     def close(self) -> None:
         """Close the window and release the graphics context."""
-        self._renderer.close()
+        self._renderer.close()  # type: ignore[no-untyped-call]  # upstream is untyped
 
 
 def _prefer_egl_without_a_display() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, Final
 
 import numpy as np
@@ -129,7 +128,7 @@ def refuse_unknown_arguments(where: str, unknown: Mapping[str, Any], allowed: It
 
 def _checked_noise(value: Any) -> float:
     allowed = "a finite number of at least 0"
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise TypeError(f"action_noise must be {allowed}, got {value!r} of type {type(value).__name__}.")
     if not (math.isfinite(value) and value >= 0):
         raise ValueError(f"action_noise must be {allowed}, got {value!r}.")

@@ -35,9 +35,10 @@ def is_broken(utils: ModuleType = mujoco_utils) -> bool:
 @functools.cache
 def joint_utils() -> ModuleType:
     """Return Gymnasium-Robotics' ``mujoco_utils``, or a mended private copy where it is broken."""
+    original: ModuleType = mujoco_utils
     if not is_broken():
-        return mujoco_utils
-    spec = mujoco_utils.__spec__
+        return original
+    spec = original.__spec__
     assert spec is not None
     assert spec.loader is not None
     copy = importlib.util.module_from_spec(spec)
@@ -49,7 +50,9 @@ def joint_utils() -> ModuleType:
 class _IntegerJoints:
     """The ``mujoco`` module, with joint types that equal NumPy integers on either side."""
 
-    mjtJoint = IntEnum("mjtJoint", {name: int(member) for name, member in mujoco.mjtJoint.__members__.items()})
+    mjtJoint = IntEnum(  # type: ignore[misc]  # mypy wants the members written out
+        "mjtJoint", {name: int(member) for name, member in mujoco.mjtJoint.__members__.items()}
+    )
 
     def __getattr__(self, name: str) -> Any:
         return getattr(mujoco, name)
