@@ -112,9 +112,9 @@ def test_the_window_opens_and_closes_on_a_virtual_screen() -> None:
 
 def test_a_video_is_recorded(tmp_path: Any) -> None:
     pytest.importorskip("moviepy")
-    env = gymnasium.wrappers.RecordVideo(make("Reach", substep=250), str(tmp_path), disable_logger=True)
+    env = gymnasium.wrappers.RecordVideo(make("Reach", substep=250), str(tmp_path / "new"), disable_logger=True)
     env.reset(seed=0)
     while not any(env.step(np.zeros(4))[2:4]):
         pass
     env.close()
-    assert len(list(tmp_path.glob("*.mp4"))) == 1
+    assert len(list(tmp_path.glob("new/*.mp4"))) == 1

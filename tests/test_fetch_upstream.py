@@ -79,9 +79,23 @@ def test_neutral_arguments_equal_upstream_bit_for_bit(task: str, seeds: range, r
             if truncated:
                 mine, info = ours.reset()
                 yours, _ = theirs.reset()
-    assert successes > 0
+    assert successes > 0 or task != "Reach"  # the others are too hard to be solved by chance: see the next test
     ours.close()
     theirs.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_success_equals_upstream_where_the_goal_is_put_on_what_must_reach_it(task: str, reference: None) -> None:
+    ours = gymnasium.make(f"SPRL/Fetch{task}Sparse-v1", terminate_on_goal=False, observation="goal")
+    theirs = gymnasium.make(f"Fetch{task}-v4")
+    mine, _ = ours.reset(seed=0)
+    theirs.reset(seed=0)
+    ours.unwrapped.simulation.goal = mine["achieved_goal"].copy()
+    theirs.unwrapped.goal = mine["achieved_goal"].copy()
+    _, reward, *_, info = ours.step(np.zeros(4, np.float32))
+    _, price, *_, report = theirs.step(np.zeros(4, np.float32))
+    assert (reward, info["is_success"]) == (1.0, True)
+    assert (price, report["is_success"]) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("task", TASKS)
