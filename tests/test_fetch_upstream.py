@@ -38,6 +38,7 @@ def _assign(attribute: str) -> Any:
 
 @pytest.fixture
 def reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    upstream.joint_utils()  # ours are mended, once and for all, before upstream's are
     if IS_BROKEN:
         for attribute in ("qpos", "qvel"):
             get = lambda model, data, name, attribute=attribute: getattr(data.joint(name), attribute).copy()  # noqa: E731
