@@ -290,7 +290,7 @@ from sprl_bench.executors import LocalExecutor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
 if __name__ == "__main__":
-    specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 0.05})
+    specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 0.3})
     run_suite(specs, Path(sys.argv[1]), executor=LocalExecutor(2))
 """
 
