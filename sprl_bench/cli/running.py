@@ -117,16 +117,16 @@ def parse_settings(settings: Sequence[str]) -> dict[str, object]:
 
 
 def _value(key: str, text: str) -> object:
-    def refuse(_: str) -> None:
-        raise OverflowError
-
     try:
-        value = json.loads(text, parse_constant=refuse)
-        json.dumps(value, allow_nan=False)
+        value = json.loads(text)
     except json.JSONDecodeError:
         return text
-    except (OverflowError, RecursionError, ValueError):
-        raise ValueError(f"--set {key}: {text[:40]!r} is not a finite value.") from None
+    except (RecursionError, ValueError):
+        raise ValueError(f"--set {key}: {text[:40]!r} is too long or too deep.") from None
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise ValueError(f"--set {key}: {text[:40]!r} is not finite.") from None
     return value
 
 
