@@ -25,11 +25,11 @@ $(READY): pyproject.toml constraints.txt
 run: setup ## Train the reference agents on the smoke suite and print the table.
 	$(BIN)/sprl-bench run --suite smoke --agents ppo,random --seeds 2 --out $(RUNS) --workers $(WORKERS)
 
-test: setup ## All tests; about eight minutes on two cores.
-	SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS) -m 'not slow'
+test: setup ## All tests but the long versions of some.
+	OMP_NUM_THREADS=1 SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS) -m 'not slow'
 
 test-long: setup ## The long versions of the differential tests too.
-	SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS)
+	OMP_NUM_THREADS=1 SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS)
 
 test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on the last MuJoCo that it works with.
 	$(PYTHON) -m venv $(VENV)-upstream

@@ -14,7 +14,15 @@ from sprl_bench.envs import register
 if TYPE_CHECKING:
     from sprl_bench.agents import agent_names
     from sprl_bench.executors import make_executor
-    from sprl_bench.leaderboard import add_entry, boards, compare, make_entry, validate
+    from sprl_bench.leaderboard import (
+        add_entry,
+        boards,
+        compare,
+        find_entries,
+        make_entry,
+        render_comparisons,
+        validate,
+    )
     from sprl_bench.plots import plot
     from sprl_bench.recorder import record, recording
     from sprl_bench.records import RunRecord, RunSpec, find_records
@@ -35,6 +43,7 @@ __all__ = [
     "boards",
     "compare",
     "expand",
+    "find_entries",
     "find_records",
     "find_suite",
     "make_entry",
@@ -43,6 +52,7 @@ __all__ = [
     "record",
     "recording",
     "render",
+    "render_comparisons",
     "run_suite",
     "survey",
     "tabulate",
@@ -52,7 +62,15 @@ __all__ = [
 _HOMES = {
     "agents": ["agent_names"],
     "executors": ["make_executor"],
-    "leaderboard": ["add_entry", "boards", "compare", "make_entry", "validate"],
+    "leaderboard": [
+        "add_entry",
+        "boards",
+        "compare",
+        "find_entries",
+        "make_entry",
+        "render_comparisons",
+        "validate",
+    ],
     "plots": ["plot"],
     "recorder": ["record", "recording"],
     "records": ["RunRecord", "RunSpec", "find_records"],

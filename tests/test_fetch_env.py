@@ -319,3 +319,13 @@ def test_an_unmodified_script_of_stable_baselines_learns_from_hindsight() -> Non
     assert model.num_timesteps == 2_000
     rewards = model.replay_buffer.sample(256).rewards
     assert 0 < rewards.sum() < 256  # relabelled goals are reached, others are not
+
+
+@pytest.mark.parametrize("arguments", [{}, {"substep": 20}, {"substep": 20, "observation": "goal"}])
+def test_the_recorder_knows_the_task_however_its_defaults_are_spelt(arguments: dict[str, Any], tmp_path: Any) -> None:
+    from sprl_bench.recorder.identity import choose_task, identify
+
+    env = gymnasium.make("SPRL/FetchReachSparse-v1", **arguments)
+    suite, task = choose_task(identify(env), None, None)
+    assert (suite.name, task.name) == ("fetch", "FetchReach")
+    env.close()

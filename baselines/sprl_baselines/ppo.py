@@ -2,7 +2,7 @@
 
 It learns from whatever rewards it is handed and knows nothing of bonuses. The paper's appendix gives the network,
 the learning rate and the entropy coefficient (D.3, Table 1); the rest follows the authors' published DeepMind Lab
-settings, except where a sweep decided (see the README of the baselines).
+settings, except where a sweep decided (docs/ppo-sweep.md).
 """
 
 from __future__ import annotations

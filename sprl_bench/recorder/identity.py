@@ -29,9 +29,18 @@ HARMLESS: Final = (
     wrappers.HumanRendering,
     wrappers.RenderCollection,
 )
-# Arguments of `make` and `make_vec` that change no episode.
+# Arguments of `make`, `make_vec` and the Fetch tasks that change no episode, only how it is shown.
 NO_DYNAMICS: Final = frozenset(
-    ("render_mode", "num_envs", "vectorization_mode", "vector_kwargs", "autoreset_mode", "num_threads", "copy")
+    (
+        "render_mode",
+        "num_envs",
+        "vectorization_mode",
+        "vector_kwargs",
+        "autoreset_mode",
+        "num_threads",
+        "copy",
+        "observation",
+    )
 )
 ADVICE: Final = "record what gymnasium.make returned, and wrap what record() returns."
 

@@ -6,7 +6,9 @@ looks like, and that the goal mode can price a goal after the fact.
 
 from __future__ import annotations
 
+import inspect
 from abc import abstractmethod
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -273,6 +275,7 @@ class _EntryPoint:
 
     def __init__(self, task: str) -> None:
         self._task = task
+        self.__signature__ = inspect.signature(partial(make_single, task))  # what `inspect` tells of the arguments
 
     def __call__(self, **arguments: Any) -> FetchEnv:
         return make_single(self._task, **arguments)
