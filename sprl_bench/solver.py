@@ -24,6 +24,7 @@ from sprl_bench.envs.grid.encoding import (
     DOOR,
     DOWN,
     DROP,
+    EMPTY,
     FORWARD,
     GOAL,
     KEY,
@@ -47,6 +48,16 @@ Integers = NDArray[np.int64]
 NOWHERE: Final = -1
 _ANY_GOAL: Final = -1  # instead of a target: every state with the agent on the goal
 _UNLIMITED: Final = 2**40
+_FAULTS: Final = (
+    "",
+    "its outer border is not all walls",
+    "it holds an object that is neither empty, wall, door, key, goal nor agent",
+    "the agent's direction is not in 0..3",
+    "the door's state is not in 0..2",
+    "it does not hold exactly one agent",
+    "it holds more than one key, door or goal",
+)
+"""What can be wrong with a map, by the number that ``_fault`` returns; 0 stands for nothing."""
 
 
 class State(NamedTuple):
@@ -62,8 +73,9 @@ class State(NamedTuple):
 
 def parse(observations: Cells) -> State:
     """Read the full state from observations uint8 [N, S, S, 3]."""
-    out = np.empty((6, len(_batch(observations))), np.int64)
-    _parse_all(_batch(observations), out)
+    observations = _batch(observations)
+    out = np.empty((6, len(observations)), np.int64)
+    _parse_all(observations, out)
     return State(*out)
 
 
@@ -102,7 +114,7 @@ def distances(sources: Cells, targets: Cells, limit: int | None = None) -> Integ
         targets: Observations uint8 [N, S, S, 3]. One of another map is out of reach.
         limit: Look no further than this number of steps; None for no limit. A small limit saves much time.
     """
-    sources, targets = _batch(sources), _batch(targets)
+    sources, targets = _batch(sources, "sources"), _batch(targets, "targets")
     if sources.shape != targets.shape:
         raise ValueError(f"sources and targets must have one shape, got {sources.shape} and {targets.shape}.")
     out = np.empty(len(sources), np.int64)
@@ -119,13 +131,20 @@ def reachable(sources: Cells, targets: Cells, k: int) -> NDArray[np.bool_]:
     return np.not_equal(distances(sources, targets, limit=check_integer("k", k, 0)), NOWHERE)
 
 
-def _batch(observations: Cells) -> Cells:
-    """Return observations in the one layout that the kernels are compiled for."""
+def _batch(observations: Cells, name: str = "observations") -> Cells:
+    """Return observations in the one layout that the kernels are compiled for, each a map that they may walk on.
+
+    Compiled code checks no index: on a map without a border, or without an agent, it would leave its arrays.
+    """
     observations = np.asarray(observations)
     shape = observations.shape
     if observations.dtype != np.uint8 or len(shape) != 4 or shape[1] != shape[2] or shape[3] != 3:
-        raise ValueError(f"observations must be uint8 [N, S, S, 3], got {observations.dtype} {list(shape)}.")
-    return np.require(observations, requirements=["C", "W"])
+        raise ValueError(f"{name} must be uint8 [N, S, S, 3], got {observations.dtype} {list(shape)}.")
+    observations = np.require(observations, requirements=["C", "W"])
+    row, fault = _first_fault(observations)
+    if fault:
+        raise ValueError(f"{name}[{row}] is no map of a grid task: {_FAULTS[fault]}.")
+    return observations
 
 
 def _path(observations: Cells) -> Integers:
@@ -149,6 +168,46 @@ def _num_codes(size: int) -> int:
 @inline
 def _code(area: int, agent: int, direction: int, key: int, door_state: int) -> int:
     return ((key * 3 + door_state) * area + agent) * 4 + direction
+
+
+@kernel
+def _first_fault(observations: Cells) -> tuple[int, int]:
+    """Return the first row that is no valid map and the number of its fault; the fault is 0 if there is none."""
+    for row in range(observations.shape[0]):
+        fault = _fault(observations[row])
+        if fault:
+            return row, fault
+    return 0, 0
+
+
+@inline
+def _fault(cells: Cells) -> int:
+    """Return what is wrong with a map, as a place in ``_FAULTS``.
+
+    No goal and no door are legal: the agent hides what it stands on.
+    """
+    size = cells.shape[0]
+    agents, keys, doors, goals = 0, 0, 0, 0
+    for y in range(size):
+        for x in range(size):
+            kind, state = cells[y, x, 0], cells[y, x, 2]
+            if kind == WALL:
+                continue
+            if y in (0, size - 1) or x in (0, size - 1):
+                return 1
+            if kind not in (EMPTY, DOOR, KEY, GOAL, AGENT):
+                return 2
+            if kind == AGENT and state > UP:
+                return 3
+            if kind == DOOR and state > LOCKED:
+                return 4
+            agents += kind == AGENT
+            keys += kind == KEY
+            doors += kind == DOOR
+            goals += kind == GOAL
+    if agents != 1:
+        return 5
+    return 6 if max(keys, doors, goals) > 1 else 0
 
 
 @inline

@@ -238,6 +238,76 @@ def test_a_lock_never_closes_again_and_a_key_out_of_the_way_can_be_put_back() ->
     assert solver.reachable(before[None], after[None], 7).tolist() == [False]
 
 
+@pytest.mark.parametrize("env_id", IDS)
+def test_what_the_observation_space_samples_is_refused_and_not_walked_on(env_id: str) -> None:
+    space = gymnasium.make_vec(env_id, 50).observation_space
+    space.seed(0)
+    noise = np.random.default_rng(0).integers(0, 12, (300, 7, 7, 3)).astype(np.uint8)
+    for solve in (solver.parse, solver.distances_to_goal, solver.optimal_actions):
+        for observations in (space.sample(), noise):
+            with pytest.raises(ValueError, match=r"^observations\[0\] is no map of a grid task: its outer border"):
+                solve(observations)
+
+
+@pytest.mark.parametrize(
+    ("cell", "value", "message"),
+    [
+        ((0, 2), (EMPTY, 0, 0), "outer border"),
+        ((5, 5), (AGENT, 0, 0), "outer border"),
+        ((2, 2), (7, 0, 0), "an object that is neither"),
+        ((2, 1), (AGENT, 0, 4), "direction"),
+        ((2, 3), (DOOR, YELLOW, 3), "door's state"),
+        ((2, 1), (EMPTY, 0, 0), "exactly one agent"),
+        ((1, 1), (AGENT, 0, 0), "exactly one agent"),
+        ((1, 1), (KEY, YELLOW, 0), "more than one key"),
+        ((1, 1), (DOOR, YELLOW, OPEN), "more than one key, door"),
+        ((1, 1), (GOAL, 1, 0), "more than one key, door or goal"),
+    ],
+)
+def test_each_fault_of_a_map_is_named_with_its_row(
+    cell: tuple[int, int], value: tuple[int, int, int], message: str
+) -> None:
+    maze = grid("######", "#..#.#", "#>kL.#", "#..#g#", "#..#.#", "######")
+    mazes = np.stack([maze] * 4)
+    mazes[2][cell] = value
+    with pytest.raises(ValueError, match=rf"^observations\[2\] is no map of a grid task: .*{message}"):
+        solver.distances_to_goal(mazes)
+    with pytest.raises(ValueError, match=rf"^targets\[2\] .*{message}"):
+        solver.reachable(np.stack([maze] * 4), mazes, 3)
+    if cell != (2, 1):
+        with pytest.raises(ValueError, match=message):
+            solver.shortest_path(mazes[2])
+
+
+def test_an_observation_too_small_for_a_map_is_refused() -> None:
+    for size in range(3):
+        with pytest.raises(ValueError, match="exactly one agent"):
+            solver.distances_to_goal(np.full((1, size, size, 3), WALL, np.uint8))
+
+
+@given(
+    env_id=st.sampled_from([IDS[0], IDS[2], IDS[3]]),
+    seed=st.integers(0, 1000),
+    changes=st.lists(
+        st.tuples(st.integers(0, 10**4), st.integers(0, 2), st.integers(0, 12) | st.integers(0, 255)), max_size=6
+    ),
+)
+@settings(max_examples=150, deadline=None)
+def test_a_corrupted_map_is_solved_or_refused(env_id: str, seed: int, changes: list[tuple[int, int, int]]) -> None:
+    whole, _ = gymnasium.make(env_id).reset(seed=seed)
+    broken = whole.copy()
+    for place, channel, value in changes:
+        broken.reshape(-1, 3)[place % (len(whole) ** 2), channel] = value
+    try:
+        distance = solver.distances_to_goal(broken[None])[0]
+    except ValueError as error:
+        assert str(error).startswith("observations[0] is no map of a grid task: ")  # noqa: PT017 - either will do
+        return
+    assert -1 <= distance < 1000
+    assert solver.reachable(broken[None], broken[None], 4).tolist() == [True]
+    solver.reachable(broken[None], whole[None], 4)
+
+
 def test_bad_arguments_are_named() -> None:
     observations, _ = gymnasium.make_vec(IDS[0], 2).reset(seed=0)
     with pytest.raises(ValueError, match=r"observations must be uint8 \[N, S, S, 3\], got int64"):
