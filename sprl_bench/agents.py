@@ -16,7 +16,10 @@ from gymnasium.vector import VectorEnv
 
 from sprl_bench.suggestions import unknown
 
-__all__ = ["Agent", "AgentFactory", "Resumable", "agent_names", "load_factory", "resolve_hyperparameters"]
+__all__ = [
+    "Agent", "AgentFactory", "Resumable", "agent_names", "has_hyperparameter", "load_factory",
+    "resolve_hyperparameters",
+]  # fmt: skip
 
 GROUP = "sprl_bench.agents"
 
@@ -92,30 +95,41 @@ def resolve_hyperparameters(factory: AgentFactory, domain: str, overrides: Mappi
     """Return the full set of hyperparameters that `factory` will be called with in `domain`.
 
     Raises:
-        ValueError: An override has an unknown name or a value out of range.
+        ValueError: An override has an unknown name or a value out of range, or one without a default is not given.
     """
     resolve: Callable[..., dict[str, Any]] = getattr(factory, "hyperparameters", None) or _from_signature(factory)
     return dict(resolve(domain, dict(overrides)))
 
 
-def _from_signature(factory: AgentFactory) -> Callable[..., dict[str, Any]]:
-    parameters = [
-        parameter
+def has_hyperparameter(factory: AgentFactory, domain: str, name: str) -> bool:
+    """Return whether `factory` names such a hyperparameter in `domain`, with a default or without."""
+    resolve = getattr(factory, "hyperparameters", None)
+    return name in (resolve(domain, {}) if resolve else _keywords(factory))
+
+
+def _keywords(factory: AgentFactory) -> dict[str, Any]:
+    """Return the hyperparameters in a signature with their defaults, `Parameter.empty` where there is none."""
+    return {
+        parameter.name: parameter.default
         for parameter in inspect.signature(factory).parameters.values()
         if parameter.name not in ("seed", "device", "self")
-    ]
-    takes_any = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters)
-    defaults = {
-        parameter.name: parameter.default
-        for parameter in parameters
-        if parameter.kind in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        and parameter.default is not inspect.Parameter.empty
+        and parameter.kind in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     }
+
+
+def _from_signature(factory: AgentFactory) -> Callable[..., dict[str, Any]]:
+    known = _keywords(factory)
+    kinds = {parameter.kind for parameter in inspect.signature(factory).parameters.values()}
+    takes_any = inspect.Parameter.VAR_KEYWORD in kinds
 
     def resolve(_domain: str, overrides: dict[str, Any]) -> dict[str, Any]:
         for name in overrides:
-            if name not in defaults and not takes_any:
-                raise ValueError(unknown("hyperparameter", name, defaults))
-        return {**defaults, **overrides}
+            if name not in known and not takes_any:
+                raise ValueError(unknown("hyperparameter", name, known))
+        resolved = {**known, **overrides}
+        missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]
+        if missing:
+            raise ValueError(f"The agent's hyperparameters without a default must be given: {', '.join(missing)}.")
+        return resolved
 
     return resolve

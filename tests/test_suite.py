@@ -108,6 +108,21 @@ def test_an_agent_without_an_opinion_on_num_envs_gets_twelve_or_what_is_asked_fo
     assert (spec.num_envs, spec.hyperparameters["num_envs"]) == (5, 5)
 
 
+def test_a_hyperparameter_without_a_default_can_be_set() -> None:
+    (spec,) = expand(SMOKE, ["harness_fakes:demanding"], [0], overrides={"width": 3, "depth": 2, "num_envs": 5})
+    assert (spec.hyperparameters, spec.num_envs) == ({"width": 3, "depth": 2}, 5)
+    (spec,) = expand(SMOKE, ["harness_fakes:parallel"], [0], overrides={"num_envs": 5})
+    assert (spec.hyperparameters, spec.num_envs) == ({"num_envs": 5}, 5)
+    with pytest.raises(ValueError, match="must be given: num_envs"):
+        expand(SMOKE, ["harness_fakes:parallel"], [0])
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda", "cuda:1"])
+def test_devices_are_taken_as_they_are_named(device: str) -> None:
+    (spec,) = expand(SMOKE, ["random"], [0], device=device)
+    assert spec.device == device
+
+
 def test_privileged_agents_are_marked() -> None:
     assert [spec.privileged for spec in expand(SMOKE, [BROKEN, DYING], [0])] == [True, False]
 
@@ -126,6 +141,12 @@ def test_privileged_agents_are_marked() -> None:
         ({"overrides": {"num_envs": 2.5}}, "num_envs: "),
         ({"budget": 0}, "task.budget: |budget"),
         ({"torch_threads": 0}, "torch_threads: "),
+        ({"device": "gpu"}, "device is 'gpu'; allowed are auto, cpu, cuda and cuda:N"),
+        ({"device": "cuda:"}, "device is 'cuda:'; allowed"),
+        ({"device": "cpu\n"}, "device is "),
+        ({"agents": ["harness_fakes:demanding"]}, "without a default must be given: depth, width"),
+        ({"agents": ["harness_fakes:demanding"], "overrides": {"width": 3}}, "must be given: depth"),
+        ({"agents": ["harness_fakes:demanding"], "overrides": {"widht": 3}}, "did you mean 'width'"),
     ],
 )
 def test_bad_arguments_are_named_in_one_line(changes: dict[str, Any], message: str) -> None:
@@ -299,7 +320,8 @@ if __name__ == "__main__":
 def test_whatever_ends_the_command_the_workers_stop_with_checkpoints(tmp_path: Path, end: str) -> None:
     out, script = tmp_path / "runs", tmp_path / "command.py"
     script.write_text(COMMAND)
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent / "fakes")}
+    search = os.pathsep.join([str(Path(__file__).parent / "fakes"), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": search}
     command = [sys.executable, str(script), str(out)]
     process = subprocess.Popen(command, env=environment, start_new_session=True, stderr=subprocess.DEVNULL)
     try:

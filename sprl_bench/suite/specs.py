@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
-from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.agents import has_hyperparameter, load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
 
@@ -42,7 +43,7 @@ def expand(
         tasks: Names of some of the suite's tasks; by default all.
         budget: Environment steps, instead of each task's own.
         overrides: Hyperparameters that differ from the presets, for all agents.
-        device: Where agents compute, "auto" for a GPU if there is one.
+        device: Where agents compute: "cpu", "cuda", "cuda:N", or "auto" for a GPU if there is one.
         torch_threads: Threads of each run, never derived from the number of workers.
 
     Raises:
@@ -81,6 +82,8 @@ def _agent_name(agent: str) -> str:
 
 
 def _resolve_device(device: str) -> str:
+    if not re.fullmatch(r"auto|cpu|cuda(:[0-9]+)?", device):
+        raise ValueError(f"device is {device!r}; allowed are auto, cpu, cuda and cuda:N, as in cuda:0.")
     if device != "auto":
         return device
     if importlib.util.find_spec("torch") is None:
@@ -95,7 +98,7 @@ def _spec(
 ) -> RunSpec:
     factory = load_factory(agent)
     own = dict(overrides)
-    if "num_envs" not in resolve_hyperparameters(factory, task.domain, {}):
+    if not has_hyperparameter(factory, task.domain, "num_envs"):
         num_envs = own.pop("num_envs", NUM_ENVS)
         hyperparameters = resolve_hyperparameters(factory, task.domain, own)
     else:

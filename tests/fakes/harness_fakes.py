@@ -109,3 +109,13 @@ def dying(*, seed: int, device: str = "cpu", num_envs: int = 3) -> Walker:
 
 
 broken.privileged = True  # type: ignore[attr-defined]
+
+
+def demanding(*, seed: int, depth: int, device: str = "cpu", width: int) -> Walker:
+    """Two hyperparameters have no default."""
+    return Walker(seed, 20, "", 0, 0.0)
+
+
+def parallel(*, seed: int, device: str = "cpu", num_envs: int) -> Walker:
+    """The number of environments has no default."""
+    return Walker(seed, 20, "", 0, 0.0)
