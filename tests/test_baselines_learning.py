@@ -1,0 +1,106 @@
+"""PPO learns: CartPole to its ceiling, and FourRooms beyond chance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from sprl_baselines.agents import ppo
+from sprl_baselines.random_policy import random
+
+import sprl_bench  # noqa: F401 - registers the ids
+
+# Where PPO's own defaults are for grids, these are for small, quick control tasks. The value is not clipped, as returns
+# of this size are far beyond any clip range. The seeds of the test, 0, 1 and 2, were declared before anything was run.
+# A first choice, made on seeds 10 to 12 (discount 0.98, lambda 0.8, 80,000 steps; 500 each), reached 445 with seed 0:
+# carts that drift out of bounds late, beyond that horizon. This one, with the usual horizon and 100,000 steps, was
+# chosen on seeds 13 to 18 (500 each).
+CARTPOLE: dict[str, Any] = {
+    "num_envs": 8,
+    "rollout_length": 32,
+    "epochs": 10,
+    "minibatches": 1,
+    "learning_rate": 0.001,
+    "anneal_learning_rate": True,
+    "anneal_clip_range": True,
+    "entropy_coefficient": 0.0,
+    "clip_value": False,
+    "bootstrap_on_truncation": True,
+    "mlp_layers": 2,
+    "mlp_units": 64,
+}
+CARTPOLE_BUDGET = 100_000
+
+# Measured with seeds 0 to 3: mean returns 0.28, 0.24, 0.27 and 0.25 in the last third of 60,000 steps; the uniform
+# policy's was 0.13 to 0.15 over all of them, seeds 0 to 2. The standard error of such a mean is about 0.02.
+MARGIN = 0.05
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Any:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def cartpoles(count: int, seed: int) -> VectorEnv[Any, Any, Any]:
+    envs = SyncVectorEnv([lambda: gymnasium.make("CartPole-v1")] * count, autoreset_mode=AutoresetMode.SAME_STEP)
+    envs.reset(seed=seed)
+    return envs
+
+
+def greedy_returns(agent: Any, episodes: int) -> np.ndarray[Any, Any]:
+    """Return the return of one episode in each of as many sub-envs, always taking the most likely action."""
+    envs = cartpoles(episodes, seed=12345)
+    observations, _ = envs.reset()
+    returns, running = np.zeros(episodes), np.ones(episodes, dtype=bool)
+    while running.any():
+        actions = agent.learner.act_greedily(torch.from_numpy(observations)).numpy()
+        observations, rewards, terminated, truncated, _ = envs.step(actions)
+        returns += rewards * running
+        running &= ~(terminated | truncated)
+    return returns
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_cartpole_is_solved(seed: int) -> None:
+    """Mean return of 100 greedy episodes after 100,000 steps, of 500 at most."""
+    agent = ppo(seed=seed, **CARTPOLE)
+    for _ in agent.train(cartpoles(CARTPOLE["num_envs"], seed), CARTPOLE_BUDGET):
+        pass
+    assert greedy_returns(agent, episodes=100).mean() >= 475
+
+
+def episode_returns(agent: Any, budget: int, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """Train on FourRooms and return at which env step each training episode ended, and its return."""
+    envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=12, num_threads=1)
+    envs.reset(seed=seed)
+    step, open_returns, ends, steps = envs.step, np.zeros(12), [], 0
+
+    def counted(actions: Any) -> Any:
+        nonlocal steps
+        result = step(actions)
+        steps += 12
+        open_returns[:] += result[1]
+        for index in np.flatnonzero(result[2] | result[3]):
+            ends.append((steps, open_returns[index]))
+            open_returns[index] = 0.0
+        return result
+
+    envs.step = counted  # type: ignore[method-assign]
+    for _ in agent.train(envs, budget):
+        pass
+    stamps, returns = np.array(ends).T
+    return stamps, returns
+
+
+def test_four_rooms_is_learned_beyond_chance() -> None:
+    """Mean return of the training episodes in the last third of 60,000 steps, against the uniform policy's."""
+    _, uniform = episode_returns(random(seed=0), budget=60_000, seed=0)
+    stamps, returns = episode_returns(ppo(seed=0, **ppo.hyperparameters("grid", {})), budget=60_000, seed=0)
+    assert returns[stamps > 40_000].mean() > uniform.mean() + MARGIN
