@@ -15,7 +15,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, Self
@@ -39,6 +39,8 @@ __all__ = [
 ]
 
 logger = logging.getLogger("sprl_bench")
+
+MANY_COMMITS = 6  # what fits a line of a record, at 47 letters with "-dirty" and a comma
 
 
 class InterruptedRunError(RuntimeError):
@@ -255,10 +257,17 @@ class _Session:
             self._envs.episode_log,
             wall_time_s=self._wall_time_s,
             peak_memory_mib=self._earlier_peak_mib,
-            git_commit=", ".join(commit for commit in self._commits if commit) or None,
+            git_commit=_joined([commit for commit in self._commits if commit]),
         )
         (self._folder / CHECKPOINT).unlink(missing_ok=True)
         return record
+
+
+def _joined(commits: Sequence[str]) -> str | None:
+    """Return the commits of a run's parts in one short line: where they are many, the first and the last."""
+    if len(commits) <= MANY_COMMITS:
+        return ", ".join(commits) or None
+    return f"{commits[0]}, {len(commits) - 2} others, {commits[-1]}"
 
 
 @contextlib.contextmanager

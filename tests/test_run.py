@@ -21,7 +21,7 @@ from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.recorder import make_envs
 from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
-from sprl_bench.run import CheckpointRefusedError, InterruptedRunError, SpecChangedError, env_seed, run
+from sprl_bench.run import CheckpointRefusedError, InterruptedRunError, SpecChangedError, _joined, env_seed, run
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
 
 pytestmark = pytest.mark.usefixtures("fakes")
@@ -133,6 +133,26 @@ def test_an_interrupted_run_comes_to_the_same(tmp_path: Path, uninterrupted: Pat
     run(spec, tmp_path)
     assert_same_run(spec.path(tmp_path), uninterrupted)
     assert not (spec.path(tmp_path) / "checkpoint.safetensors").exists()
+
+
+def test_a_run_of_many_commits_still_fits_its_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    commits = [f"{number:040}-dirty" for number in range(9)]
+    for commit in commits[:-1]:
+        monkeypatch.setattr(machine, "git_commit", lambda commit=commit: commit)
+        with pytest.raises(InterruptedRunError):
+            run(make_spec(), tmp_path, stop=after(1))
+    monkeypatch.setattr(machine, "git_commit", lambda: commits[-1])
+    assert run(make_spec(), tmp_path).git_commit == f"{commits[0]}, 7 others, {commits[-1]}"
+
+
+@pytest.mark.parametrize(
+    ("count", "text"), [(0, None), (1, "{0}"), (6, "{0}, {1}, {2}, {3}, {4}, {5}"), (7, "{0}, 5 others, {6}")]
+)
+def test_commits_are_joined_in_one_line(count: int, text: str | None) -> None:
+    commits = [f"{number:040}-dirty" for number in range(count)]
+    joined = _joined(commits)
+    assert joined == (text and text.format(*commits))
+    assert len(joined or "") <= 300
 
 
 def test_checkpoints_change_nothing(tmp_path: Path, uninterrupted: Path) -> None:
