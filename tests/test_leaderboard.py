@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
+import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -332,7 +335,23 @@ def test_every_published_entry_is_valid() -> None:
     assert leaderboard.validate(sorted((ROOT / "leaderboards").glob("*/*.json"))) == []
 
 
-def test_a_wheel_carries_its_boards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_wheel_carries_its_boards_its_pins_and_its_types(tmp_path: Path) -> None:
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
+    [wheel] = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as opened:
+        names = set(opened.namelist())
+        schema = opened.read("sprl_bench/_leaderboards/schema.json").decode()
+    assert names >= {
+        "sprl_bench/_constraints.txt",
+        "sprl_bench/py.typed",
+        "sprl_baselines/py.typed",
+        "sprl_baselines/ppo.py",
+    }
+    assert schema == leaderboard.schema()
+
+
+def test_an_installed_package_reads_its_own_boards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from sprl_bench.leaderboard import published
 
     monkeypatch.setattr(published, "__file__", str(tmp_path / "sprl_bench" / "leaderboard" / "published.py"))
