@@ -243,6 +243,26 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
     assert "random (5 seeds) minus each entry of suite grid-7x7, version 1" in out
 
 
+def test_an_entry_is_never_written_into_an_installed_package(
+    capsys: Capture, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sprl_bench.leaderboard import published
+
+    installed = tmp_path / "site" / "sprl_bench" / "leaderboard" / "published.py"
+    monkeypatch.setattr(published, "__file__", str(installed))
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    add = ["leaderboard", "add", runs, "--agent", "ppo", *SCORE]
+    status, line = refused(capsys, *add)
+    assert (status, line) == (1, "There is no folder leaderboards here to write to; name one with --home.")
+    Path("leaderboards").mkdir()
+    assert call(capsys, *add) == (0, "", "Wrote leaderboards/grid-7x7/ppo.json.\n")
+    assert not (tmp_path / "site").exists()
+    assert refused(capsys, "leaderboard", "show")[1].startswith(
+        f"{tmp_path}/site/sprl_bench/_leaderboards has no entry"
+    )
+
+
 def test_an_invalid_entry_is_named_and_the_others_counted(capsys: Capture, runs: Path, tmp_path: Path) -> None:
     home = tmp_path / "boards"
     call(capsys, "leaderboard", "add", runs, "--agent", "ppo", *SCORE, "--home", home)
@@ -345,6 +365,40 @@ def test_a_suite_from_the_command_to_the_table(capsys: Capture, tmp_path: Path, 
     assert (status, "num_envs: 3 on disk, 4 now" in line) == (1, True)
 
 
+def test_an_agent_of_one_s_own_is_found_in_the_current_folder(tmp_path: Path) -> None:
+    """Of a console script the interpreter puts the script's folder on the path, and not the current one."""
+    (tmp_path / "my_own_agent.py").write_text(
+        "import numpy\n"
+        "class Still:\n"
+        "    def train(self, envs, budget):\n"
+        "        envs.reset()\n"
+        "        while True:\n"
+        "            envs.step(numpy.zeros(envs.num_envs, int))\n"
+        "            yield {}\n"
+        "def still(*, seed, device='cpu', width):\n"
+        "    return Still()\n"
+    )
+    words = [
+        *RUN,
+        "--budget",
+        "300",
+        "--agents",
+        "my_own_agent:still",
+        "--seeds",
+        "1",
+        "--out",
+        "runs",
+        "--set",
+        "width=3",
+    ]
+    script = Path(sys.executable).with_name("sprl-bench")
+    assert script.exists(), "The project is not installed beside this interpreter."
+    done = subprocess.run([script, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
+    [record] = find_records(tmp_path / "runs")
+    assert (record.spec.agent, record.spec.hyperparameters, record.totals.env_steps) == ("still", {"width": 3}, 300)
+
+
 def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     pins = pinned_versions()
     assert {"gymnasium", "minigrid", "numba", "numpy", "torch"} <= pins.keys()
@@ -355,6 +409,23 @@ def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: p
     assert "! numpy" in out
     assert "scored runs use 0.1" in out
     assert "may not compare with published ones: numpy" in out
+
+
+def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from sprl_bench.cli import doctoring
+
+    monkeypatch.setattr(doctoring, "__file__", str(tmp_path / "sprl_bench" / "cli" / "doctoring.py"))
+    assert pinned_versions() == {}
+    status, out, _ = call(capsys, "doctor")
+    assert status == 0
+    assert "? numpy" in out
+    assert "Cannot tell for want of a pinned version (constraints.txt): gymnasium, " in out
+    assert "compare with published ones" not in out
+    (tmp_path / "sprl_bench").mkdir()
+    (tmp_path / "sprl_bench" / "_constraints.txt").write_text("numpy==0.1\n")
+    assert pinned_versions() == {"numpy": "0.1"}
+    _, out, _ = call(capsys, "doctor")
+    assert "! numpy" in out
 
 
 def test_help_and_lists_load_nothing_heavy() -> None:

@@ -22,6 +22,7 @@ app = typer.Typer(
 )
 
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
+OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 
 
@@ -62,7 +63,7 @@ def add(
     suite: Annotated[str | None, typer.Option(help="Needed where the agent has runs of several.")] = None,
     status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
-    home: Home = None,
+    home: OwnHome = None,
 ) -> None:
     """Make an entry of an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
@@ -78,7 +79,7 @@ def add(
         status=cast("Status", status),
         planned=planned_runs(runs),
     )
-    path = leaderboard.add_entry(entry, home or leaderboard.home(), replace=replace)
+    path = leaderboard.add_entry(entry, home or leaderboard.own_home(), replace=replace)
     typer.echo(f"Wrote {path}.", err=True)
 
 

@@ -26,6 +26,7 @@ EXTRAS: Mapping[str, tuple[str, str]] = MappingProxyType(
         "slurm": ("submitit", "--executor slurm"),
     }
 )
+MARKS: Mapping[bool | None, str] = MappingProxyType({True: " ", False: "!", None: "?"})
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,13 @@ class Finding:
     Attributes:
         subject: A package or an extra.
         text: What was found.
-        comparable: False where scores from here would not compare with those of the pinned versions.
+        comparable: False where scores from here would not compare with those of the pinned versions; None where
+            that cannot be told.
     """
 
     subject: str
     text: str
-    comparable: bool = True
+    comparable: bool | None = True
 
 
 def doctor() -> None:
@@ -48,12 +50,15 @@ def doctor() -> None:
     findings = examine()
     width = max(len(finding.subject) for finding in findings)
     for finding in findings:
-        typer.echo(f"{' ' if finding.comparable else '!'} {finding.subject.ljust(width)}  {finding.text}")
-    wrong = [finding.subject for finding in findings if not finding.comparable]
+        typer.echo(f"{MARKS[finding.comparable]} {finding.subject.ljust(width)}  {finding.text}")
+    wrong = [finding.subject for finding in findings if finding.comparable is False]
+    open_questions = [finding.subject for finding in findings if finding.comparable is None]
     if wrong:
         typer.echo(f"Scores from here may not compare with published ones: {', '.join(wrong)}.")
         typer.echo("Install the pinned versions with: pip install -c constraints.txt 'sprl-bench[baselines]'")
-    else:
+    if open_questions:
+        typer.echo(f"Cannot tell for want of a pinned version (constraints.txt): {', '.join(open_questions)}.")
+    if not wrong and not open_questions:
         typer.echo("Scores from here compare with published ones.")
 
 
@@ -77,7 +82,7 @@ def _package(name: str, pins: Mapping[str, str]) -> Finding:
         return Finding(name, "not installed")
     pinned = pins.get(name)
     if pinned is None:
-        return Finding(name, f"{installed}, not pinned")
+        return Finding(name, f"{installed}, not pinned", comparable=None)
     # A build such as 2.13.0+cpu is of the pinned release.
     same = installed.partition("+")[0] == pinned
     return Finding(name, installed if same else f"{installed}, scored runs use {pinned}", comparable=same)

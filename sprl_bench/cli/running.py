@@ -36,7 +36,7 @@ def run(
     ] = None,
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
-    device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu or cuda.")] = "auto",
+    device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
 ) -> int:
     """Train agents on a suite; the same command again goes on where it stopped."""
     from sprl_bench.executors import make_executor
@@ -44,9 +44,11 @@ def run(
     from sprl_bench.suite import expand, run_suite
     from sprl_bench.tasks import find_suite
 
+    names = _split(agents, "agents")
+    _find_modules_here(names)
     specs = expand(
         find_suite(suite),
-        _split(agents, "agents"),
+        names,
         parse_seeds(seeds),
         tasks=task or None,
         budget=budget,
@@ -55,6 +57,13 @@ def run(
     )
     outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
     return _report(specs, outcomes, out)
+
+
+def _find_modules_here(agents: Sequence[str]) -> None:
+    """Let a module that the user names be found in the current folder, as `python -m` would; workers inherit this."""
+    here = str(Path.cwd())
+    if any(":" in agent for agent in agents) and here not in sys.path:
+        sys.path.insert(0, here)
 
 
 def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) -> int:

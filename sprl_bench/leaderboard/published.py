@@ -12,7 +12,10 @@ from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import Table, tabulate_results
 
-__all__ = ["add_entry", "board", "boards", "entry_path", "find_entries", "home", "read_entry", "schema", "validate"]
+__all__ = [
+    "add_entry", "board", "boards", "entry_path", "find_entries", "home", "own_home", "read_entry", "schema",
+    "validate",
+]  # fmt: skip
 
 SCHEMA = "schema.json"
 
@@ -22,6 +25,18 @@ def home() -> Path:
     package = Path(__file__).parents[1]
     checkout = package.parent / "leaderboards"
     return checkout if (checkout / SCHEMA).exists() else package / "_leaderboards"
+
+
+def own_home() -> Path:
+    """Return the folder of boards that new entries go to: the one here, never the copy in an installed wheel.
+
+    Raises:
+        FileNotFoundError: There is none in the current folder.
+    """
+    folder = Path("leaderboards")
+    if not folder.is_dir():
+        raise FileNotFoundError("There is no folder leaderboards here to write to; name one with --home.")
+    return folder
 
 
 def entry_path(folder: Path, suite: str, agent: str) -> Path:
