@@ -82,7 +82,7 @@ def test_a_missing_command_is_answered_with_the_help(words: list[str], capsys: C
         (["table"], "Missing argument"),
         (["table", "--forma", "md"], "No such option: --forma"),
         (["run", "--suite", "smoke"], "Missing option '--agents'"),
-        (["run", "--suite", "smke", "--agents", "random"], f"did you mean 'smoke'? Allowed: {', '.join(sorted(SUITES))}."),
+        (["run", "--suite", "smke", "--agents", "random"], f"'smoke'? Allowed: {', '.join(sorted(SUITES))}."),
         (["run", "--suite", "smoke", "--agents", "randm"], "did you mean 'random'?"),
         (["run", "--suite", "smoke", "--agents", "random,random"], "more than once"),
         (["run", "--suite", "smoke", "--agents", ","], "agents is ','"),
