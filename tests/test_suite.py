@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium
+import psutil
 import pytest
 from rich.console import Console
 
@@ -311,7 +312,7 @@ from sprl_bench.executors import LocalExecutor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
 if __name__ == "__main__":
-    specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 0.3})
+    specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 1.0})
     run_suite(specs, Path(sys.argv[1]), executor=LocalExecutor(2))
 """
 
@@ -328,7 +329,11 @@ def test_whatever_ends_the_command_the_workers_stop_with_checkpoints(tmp_path: P
         wait_for(lambda: len(list(out.rglob("metrics.jsonl"))) == 2)
         wait_for(lambda: {state.status for state in survey(out)} == {"running"})
         if end == "Ctrl-C":
-            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all of them
+            workers = psutil.Process(process.pid).children()
+            for one in workers:  # a terminal tells all of them, and the command tells its workers again
+                one.send_signal(signal.SIGINT)
+            time.sleep(0.1)
+            process.send_signal(signal.SIGINT)
         else:
             process.kill()
         process.wait(timeout=120)
