@@ -43,7 +43,7 @@ WORK_PER_STEP = FORWARD * (1 + 3 * SETTINGS["epochs"])  # act once; a gradient c
 
 
 def rows() -> list[Row]:
-    """Measure all rows; takes about three minutes."""
+    """Measure all rows; takes a few minutes."""
     torch.set_flush_denormal(True)
     against = [_against_sb3(threads) for threads in (1, 2)]
     return [*against, _against_sb3(1, repeats_observations=False), *(_against_the_limit(threads) for threads in (1, 2))]
