@@ -19,13 +19,13 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from gymnasium.vector import VectorEnv, VectorWrapper
-from sprl_baselines.agents import ppo
-from sprl_baselines.networks import LARGEST_CODES
 from torch import nn
 from torch.nn import functional
 
 import sprl_bench  # noqa: F401 - registers the ids
 from benchmarks.measure import Contender, Row, compare, missing, table
+from sprl_baselines.agents import ppo
+from sprl_baselines.networks import LARGEST_CODES
 
 __all__ = ["main", "rows"]
 

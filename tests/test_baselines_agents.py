@@ -15,13 +15,13 @@ import pytest
 import torch
 from gymnasium import spaces
 from gymnasium.vector import VectorEnv
+from torch import Tensor
+
 from sprl_baselines.agents import LearningAgent, LearningAgentFactory, ppo
 from sprl_baselines.bonus import NoBonus, NoBonusConfig
 from sprl_baselines.ppo import PPO
 from sprl_baselines.random_policy import random, uniform_actions
 from sprl_baselines.rollout import Rollout
-from torch import Tensor
-
 from sprl_bench import checkpoint
 from sprl_bench.agents import Resumable, load_factory, resolve_hyperparameters
 

@@ -10,12 +10,12 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from sprl_baselines import agents
-from sprl_baselines.bonus import Bonus, NoBonusConfig, Setting
-from sprl_baselines.rollout import Collector, Decision, Rollout
 from torch import Tensor
 
 import sprl_bench  # noqa: F401 - registers the ids
+from sprl_baselines import agents
+from sprl_baselines.bonus import Bonus, NoBonusConfig, Setting
+from sprl_baselines.rollout import Collector, Decision, Rollout
 
 CPU = torch.device("cpu")
 NUM_ENVS, LENGTH = 4, 150  # long enough for every sub-env to reach the time limit once

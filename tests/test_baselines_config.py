@@ -9,6 +9,7 @@ from dataclasses import FrozenInstanceError, dataclass
 from typing import Annotated, Any
 
 import pytest
+
 from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, reject_unknown
 from sprl_baselines.ppo import PPOConfig
 

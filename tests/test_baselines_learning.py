@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
-from sprl_baselines.agents import ppo
-from sprl_baselines.random_policy import random
 
 import sprl_bench  # noqa: F401 - registers the ids
+from sprl_baselines.agents import ppo
+from sprl_baselines.random_policy import random
 
 # Where PPO's own defaults are for grids, these are for small, quick control tasks. The value is not clipped, as returns
 # of this size are far beyond any clip range. The seeds of the test, 0, 1 and 2, were declared before anything was run.

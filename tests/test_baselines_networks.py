@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from torch import Tensor
+from torch.nn import functional
+
 from sprl_baselines.distributions import Categorical, DiagonalGaussian
 from sprl_baselines.networks import (
     GRID_ENCODINGS,
@@ -18,8 +21,6 @@ from sprl_baselines.networks import (
     ScaledCells,
     actor_critic,
 )
-from torch import Tensor
-from torch.nn import functional
 
 ACTIONS = spaces.Discrete(7)
 FLAT = spaces.Box(-np.inf, np.inf, (16,), np.float64)

@@ -12,10 +12,11 @@ import torch
 from gymnasium import spaces
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
+
 from sprl_baselines.distinct import distinct
 from sprl_baselines.ppo import PPO, PPOConfig, Samples, ppo_losses
 from sprl_baselines.rollout import Rollout
-from torch import Tensor
 
 GRID = spaces.Box(0, 255, (7, 7, 3), np.uint8)
 CPU = torch.device("cpu")

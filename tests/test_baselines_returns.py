@@ -9,8 +9,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sprl_baselines.returns import generalized_advantages, successor_values
 from torch import Tensor
+
+from sprl_baselines.returns import generalized_advantages, successor_values
 
 REWARDS, VALUES, NEXT_VALUES = [1.0, 0.0, 2.0], [1.0, 2.0, 3.0], [2.0, 3.0, 4.0]
 NEVER, AT_STEP_1 = [False, False, False], [False, True, False]

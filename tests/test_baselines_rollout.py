@@ -11,9 +11,9 @@ import pytest
 import torch
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from sprl_baselines.rollout import Collector, Decision
 
 import sprl_bench  # noqa: F401 - registers the ids
+from sprl_baselines.rollout import Collector, Decision
 
 CPU = torch.device("cpu")
 
