@@ -114,6 +114,7 @@ class _Raw:
         self._batch = Batch(model, NUM_ENVS, nthread=NUM_THREADS)
         self._welded = model.body(WELDED_BODY).id
         self._fingers = [int(model.joint(f"robot0:{side}_gripper_finger_joint").qposadr[0]) for side in "lr"]
+        self._actuated = model.jnt_qposadr[model.actuator_trnid[:, 0]]  # none in Reach
         self._sites = [model.site(name) for name in ("robot0:grip", "object0")[: 1 + simulation.has_object]]
         self._disabled = self._batch.expand("opt.disableflags")
         for field in ("xpos", "xquat", "site_xpos", "site_xmat"):
@@ -127,7 +128,7 @@ class _Raw:
         for displacement in self._displacements:
             self._batch.mocap_pos[:, 0] = self._batch.xpos[:, self._welded] + displacement
             self._batch.mocap_quat[:, 0] = self._batch.xquat[:, self._welded] + (1.0, 0.0, 1.0, 0.0)
-            self._batch.ctrl[:] = self._batch.qpos[:, self._fingers]
+            self._batch.ctrl[:] = self._batch.qpos[:, self._actuated]
             self._batch.step(nstep=self._substep)
             self._batch.qpos[:, self._fingers] = 0.0
             self._observe()
