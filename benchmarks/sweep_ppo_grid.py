@@ -1,8 +1,8 @@
 """How PPO's settings for the grids were chosen, where the paper's appendix gives none.
 
-Two stages: all settings on FourRooms-7x7, then the better half on FourRooms-11x11 too; the mean of the two AUCs decides.
-Run it by `python -m benchmarks.sweep_ppo_grid runs/sweep`; it resumes where it stopped.
-The figures stand in docs/ppo-sweep.md.
+Two stages: all settings on FourRooms-7x7, then the better half on FourRooms-11x11 too; the mean of the two AUCs
+decides. Run it by `python -m benchmarks.sweep_ppo_grid runs/sweep`; it resumes where it stopped. The
+figures stand in docs/ppo-sweep.md.
 """
 
 from __future__ import annotations
