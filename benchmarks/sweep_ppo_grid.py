@@ -1,8 +1,8 @@
-"""How PPO's settings for the grids were chosen, where the paper's appendix gives none.
+"""How PPO's settings for the grids are chosen, where the paper's appendix gives none.
 
-Two stages: all settings on FourRooms-7x7, then the better half on FourRooms-11x11 too; the mean of the two AUCs
-decides. Run it by `python -m benchmarks.sweep_ppo_grid runs/sweep`; it resumes where it stopped. The
-figures stand in docs/ppo-sweep.md.
+Every setting trains on both FourRooms with every seed; the mean of the two tasks' AUCs decides. What is run is
+declared here and in docs/ppo-sweep.md before it is run. `python -m benchmarks.sweep_ppo_grid runs/sweep` runs it,
+two runs at once or as many as its second argument says, and resumes where it stopped.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import itertools
 import statistics
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,9 @@ from sprl_bench.tasks import find_suite
 
 Setting = Mapping[str, Any]
 
-BUDGETS = {"FourRooms-7x7": 300_000, "FourRooms-11x11": 200_000}
-SEEDS = (0,)
+TASKS = ("FourRooms-11x11", "FourRooms-7x7")  # the longer first, so that workers end together
+BUDGET = 300_000
+SEEDS = (0, 1)
 SETTINGS: list[Setting] = [
     {
         "clip_range": clip_range,
@@ -41,27 +42,30 @@ def name(setting: Setting) -> str:
     return f"clip-{setting['clip_range']}-{annealed}-length-{setting['rollout_length']}"
 
 
-def aucs(task: str, settings: Sequence[Setting], root: Path) -> dict[str, float]:
-    """Train with each setting on one task, and return the mean AUC over seeds by name."""
-    for setting in settings:
-        specs = expand(find_suite("grid"), ["ppo"], SEEDS, tasks=[task], budget=BUDGETS[task], overrides=dict(setting))
-        run_suite(specs, root / name(setting), executor=make_executor("local", 0), observer=make_observer())
-    found = {name(setting): find_records(root / name(setting)) for setting in settings}
-    return {
-        key: statistics.mean(record.scores.auc for record in records if record.spec.task.name.startswith(task))
-        for key, records in found.items()
-    }
+def train(setting: Setting, root: Path, workers: int) -> None:
+    """Train with one setting on both tasks with every seed, and leave the records under `root`."""
+    specs = expand(find_suite("grid"), ["ppo"], SEEDS, tasks=TASKS, budget=BUDGET, overrides=dict(setting))
+    run_suite(specs, root / name(setting), executor=make_executor("local", workers), observer=make_observer())
 
 
-def main(root: Path) -> None:
-    """Run both stages and print every figure."""
-    first = aucs("FourRooms-7x7", SETTINGS, root)
-    better = sorted(SETTINGS, key=lambda setting: -first[name(setting)])[: len(SETTINGS) // 2]
-    second = aucs("FourRooms-11x11", better, root)
-    for key, auc in first.items():
-        both = f"{second[key]:.3f}  {(auc + second[key]) / 2:.3f}" if key in second else "-      -"
-        print(f"{key:30} {auc:.3f}  {both}")
+def aucs(setting: Setting, root: Path) -> dict[str, list[float]]:
+    """Return each task's AUCs, one a seed."""
+    records = find_records(root / name(setting))
+    return {task: [r.scores.auc for r in records if r.spec.task.name.startswith(task)] for task in TASKS}
+
+
+def main(root: Path, workers: int = 2) -> None:
+    """Run the sweep and print every AUC, the best setting first."""
+    rows = []
+    for setting in SETTINGS:
+        train(setting, root, workers)
+        of_tasks = aucs(setting, root)
+        mean = statistics.mean(statistics.mean(of_task) for of_task in of_tasks.values())
+        rows.append((mean, name(setting), of_tasks))
+    for mean, key, of_tasks in sorted(rows, key=lambda row: -row[0]):
+        figures = "  ".join(f"{auc:.3f}" for of_task in of_tasks.values() for auc in of_task)
+        print(f"{key:30} {figures}  mean {mean:.3f}")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *map(int, sys.argv[2:3]))
