@@ -15,11 +15,9 @@ from sprl_baselines.agents import ppo
 from sprl_baselines.random_policy import random
 
 # Where PPO's own defaults are for grids, these are for small, quick control tasks. The value is not clipped, as returns
-# of this size are far beyond any clip range. The seeds of the test, 0, 1 and 2, were declared before anything was run,
-# but are no blind check any more: a first choice (discount 0.98, lambda 0.8, 80,000 steps; 500 on each of seeds 10 to
-# 12) reached 445 with seed 0, and the settings were changed for that. Looked at besides: the same with 50,000 steps at
-# rate 0.002 (500 and 477 on seeds 10 and 11) and with 100,000 steps (500 on seeds 13 to 17); 20 epochs and 60,000 steps
-# (500 on seed 10). This choice, discount 0.99 and lambda 0.95, reached 500 on seeds 13 to 18, then ran on 0 to 2 once.
+# of this size are far beyond any clip range. They were settled while looking at seeds 0 to 2 and 10 to 18 (a first choice,
+# discount 0.98, lambda 0.8 and 80,000 steps, reached 445 with seed 0 and 500 with 10 to 12; this one reached 500 with all).
+# So the test's seeds are others, 20 to 22: declared, with the settings as they stand, before anything was run with them.
 CARTPOLE: dict[str, Any] = {
     "num_envs": 8,
     "rollout_length": 32,
@@ -68,7 +66,7 @@ def greedy_returns(agent: Any, episodes: int) -> np.ndarray[Any, Any]:
     return returns
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [20, 21, 22])
 def test_cartpole_is_solved(seed: int) -> None:
     """Mean return of 100 greedy episodes after 100,000 steps, of 500 at most."""
     agent = ppo(seed=seed, **CARTPOLE)
