@@ -19,6 +19,7 @@ from torch import Tensor
 
 from sprl_baselines.agents import LearningAgent, LearningAgentFactory, ppo
 from sprl_baselines.bonus import NoBonus, NoBonusConfig
+from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO
 from sprl_baselines.random_policy import random, uniform_actions
 from sprl_baselines.rollout import Rollout
@@ -160,6 +161,26 @@ def test_ppo_learns_from_reward_plus_bonus(monkeypatch: pytest.MonkeyPatch) -> N
     assert [(report["bonus"], report["own_loss"]) for report in reports] == [(1.0, 0.25)] * 4
 
 
+@pytest.mark.parametrize("kind", ["none", "extrinsic", "joint"])
+def test_rewards_are_normalised_alone_or_with_the_bonus(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[Tensor, Tensor, Tensor]] = []
+    update = PPO.update
+
+    def spy(self: PPO, rollout: Rollout, training_rewards: Tensor, remaining: float = 1.0) -> dict[str, float]:
+        seen.append((rollout.rewards, training_rewards, rollout.ended))
+        return update(self, rollout, training_rewards, remaining)
+
+    monkeypatch.setattr(PPO, "update", spy)
+    agent = LearningAgentFactory("ones", OneEach, NoBonusConfig)(seed=0, **SMALL, reward_normalization=kind)
+    deviations = [report["reward_deviation"] for report in agent.train(grid_envs(), 20 * 128)]
+    alone, joint = (RewardNormalizer(4, agent.config.gamma, torch.device("cpu")) for _ in range(2))
+    for (rewards, training_rewards, ended), deviation in zip(seen, deviations, strict=True):
+        expected = {"none": rewards + 1, "extrinsic": alone(rewards, ended) + 1, "joint": joint(rewards + 1, ended)}
+        assert torch.equal(training_rewards, expected[kind])
+        assert deviation == {"none": 1.0, "extrinsic": alone.deviation, "joint": joint.deviation}[kind]
+    assert (deviations[-1] == 1.0) == (kind == "none")
+
+
 def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
     envs = gymnasium.make_vec(
         "Pendulum-v1", num_envs=4, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"}
@@ -208,6 +229,13 @@ def test_the_grid_preset_is_table_1() -> None:
     resolved = ppo.hyperparameters("grid", {})
     assert (resolved["learning_rate"], resolved["entropy_coefficient"]) == (0.003, 0.01)
     assert ppo.hyperparameters("grid", {"preset": "table"}) == resolved
+
+
+def test_the_fetch_preset_is_table_5() -> None:
+    resolved = ppo.hyperparameters("fetch", {})
+    assert (resolved["learning_rate"], resolved["entropy_coefficient"]) == (0.0005, 0.01)
+    assert (resolved["action_noise"], resolved["reward_normalization"]) == (0.003, "extrinsic")
+    assert (resolved["mlp_layers"], resolved["mlp_units"]) == (4, 256)
 
 
 def test_unknown_domains_and_presets_are_refused() -> None:

@@ -178,6 +178,42 @@ def test_continuous_actions_are_kept_as_drawn_and_executed_clipped() -> None:
     assert envs.envs[0].unwrapped.received[0].tolist() == [0.5, -1.0]
 
 
+def noisy(seed: int, noise: float = 0.25) -> tuple[Collector, Any]:
+    envs = vector([(500, "truncated")], action_space=spaces.Box(-1, 1, (2,), np.float32))
+    made = Collector(envs, 100, CPU, action_noise=noise, seed=seed)
+    made.reset()
+    return made, envs.envs[0].unwrapped
+
+
+def held_still(observations: torch.Tensor) -> Decision:
+    return Decision(torch.zeros(1, 2), torch.zeros(1), torch.zeros(1))
+
+
+def test_action_noise_reaches_the_env_but_not_the_rollout() -> None:
+    made, env = noisy(seed=0)
+    rollout = made.collect(held_still)
+    assert not rollout.actions.any()
+    assert np.std(env.received) == pytest.approx(0.25, rel=0.15)
+    assert np.max(np.abs(env.received)) <= 1
+
+
+def test_action_noise_is_a_function_of_its_seed_and_goes_on_where_it_was_saved() -> None:
+    (first, ours), (second, theirs), (other, others) = noisy(seed=3), noisy(seed=3), noisy(seed=4)
+    for made in (first, second, other):
+        made.collect(held_still)
+    assert np.array_equal(ours.received, theirs.received)
+    assert not np.array_equal(ours.received, others.received)
+    other.load_state_dict(first.state_dict())
+    for made in (first, other):
+        made.collect(held_still)
+    assert np.array_equal(ours.received[100:], others.received[100:])
+
+
+def test_action_noise_is_refused_where_actions_are_not_continuous() -> None:
+    with pytest.raises(ValueError, match=r"action_noise=0.1 must be 0 where actions are in Discrete\(2\)"):
+        Collector(vector(*SCRIPTS), 4, CPU, action_noise=0.1)
+
+
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_other_ways_to_reset_are_refused(mode: str) -> None:
     envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=2, autoreset_mode=mode)

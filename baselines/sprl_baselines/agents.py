@@ -12,9 +12,10 @@ from gymnasium.vector import VectorEnv
 
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.config import Config, reject_unknown
+from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
-from sprl_baselines.rollout import Collector
+from sprl_baselines.rollout import Collector, Rollout
 
 C = TypeVar("C", bound=Config)
 Envs = VectorEnv[Any, Any, Any]
@@ -58,10 +59,21 @@ class LearningAgent:
         """Collect one rollout and learn from it."""
         rollout = self._collector.collect(self.learner.act)
         bonus = self.bonus.reward(rollout)
-        learner_metrics = self.learner.update(rollout, rollout.rewards + bonus, remaining)
+        learner_metrics = self.learner.update(rollout, self._training_rewards(rollout, bonus), remaining)
         bonus_metrics = self.bonus.update(rollout)
         self._steps += rollout.num_steps
-        return {"bonus": float(bonus.mean()), **learner_metrics, **bonus_metrics}
+        own_metrics = {"bonus": float(bonus.mean()), "reward_deviation": self._normalizer.deviation}
+        return {**own_metrics, **learner_metrics, **bonus_metrics}
+
+    def _training_rewards(self, rollout: Rollout, bonus: torch.Tensor) -> torch.Tensor:
+        """Return what the learner learns from, `[T, N]`: the two rewards in one new tensor."""
+        match self.config.reward_normalization:
+            case "extrinsic":
+                return self._normalizer(rollout.rewards, rollout.ended) + bonus
+            case "joint":
+                return self._normalizer(rollout.rewards + bonus, rollout.ended)
+            case _:
+                return rollout.rewards + bonus
 
     def _start(self, envs: Envs) -> None:
         if envs.num_envs != self.config.num_envs:
@@ -69,10 +81,17 @@ class LearningAgent:
                 f"The agent was made for num_envs={self.config.num_envs}; the vector env has {envs.num_envs}."
             )
         spaces = envs.single_observation_space, envs.single_action_space
-        learner_seed, bonus_seed = (int(seed) for seed in np.random.SeedSequence(self._seed).generate_state(2))
+        learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
         self.learner = PPO(*spaces, self.config, learner_seed, self._device)
         self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device))
-        self._collector = Collector(envs, self.config.rollout_length, self._device)
+        self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self._device)
+        self._collector = Collector(
+            envs,
+            self.config.rollout_length,
+            self._device,
+            action_noise=self.config.action_noise,
+            seed=noise_seed,
+        )
         self._steps = 0
         if self._saved:
             self._restore(self._saved)
@@ -83,6 +102,7 @@ class LearningAgent:
         self._steps = int(state["steps"])
         self.learner.load_state_dict(state["learner"])
         self.bonus.load_state_dict(state["bonus"])
+        self._normalizer.load_state_dict(state["normalizer"])
         self._collector.load_state_dict(state["collector"])
 
     def state_dict(self) -> dict[str, Any]:
@@ -97,6 +117,7 @@ class LearningAgent:
             "steps": self._steps,
             "learner": self.learner.state_dict(),
             "bonus": self.bonus.state_dict(),
+            "normalizer": self._normalizer.state_dict(),
             "collector": self._collector.state_dict(),
         }
 

@@ -45,6 +45,10 @@ class PPOConfig(Config):
     clip_value: bool = True  # bound the value's move by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
+    reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = (
+        "none"  # divide the env's reward, alone or joint with the bonus, by its sums' running deviation (G.3)
+    )
+    action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
     grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = (
         "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
     )

@@ -74,17 +74,32 @@ class Collector:
             step is a transition.
         length: Steps T of a rollout.
         device: Where the policy acts and rollouts end up.
+        action_noise: Standard deviation of what is added to every component of an action before it is clipped and
+            executed; a rollout keeps actions as the policy drew them.
+        seed: Source of that noise.
 
     Raises:
-        ValueError: The envs reset in another way.
+        ValueError: The envs reset in another way, or there is noise and actions are not continuous.
     """
 
-    def __init__(self, envs: VectorEnv[Any, Any, Any], length: int, device: torch.device) -> None:
+    def __init__(
+        self,
+        envs: VectorEnv[Any, Any, Any],
+        length: int,
+        device: torch.device,
+        *,
+        action_noise: float = 0.0,
+        seed: int = 0,
+    ) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"The vector env has autoreset_mode={mode}; agents need {AutoresetMode.SAME_STEP}.")
+        space = envs.single_action_space
+        if action_noise and not isinstance(space, gymnasium.spaces.Box):
+            raise ValueError(f"Hyperparameter action_noise={action_noise} must be 0 where actions are in {space}.")
         self._envs, self._length, self._device = envs, length, device
-        self._executable = _executable(envs.single_action_space)
+        self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
+        self._clipped = _clipping(space)
         self._observations: Array = np.empty(0)  # [N, ...]
         self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
 
@@ -104,7 +119,7 @@ class Collector:
 
     def _step(self, decision: Decision, tape: _Tape) -> None:
         """Take one step in every sub-env, and put it on tape."""
-        actions = self._executable(decision.actions.cpu().numpy())
+        actions = self._clipped(self._perturbed(decision.actions.cpu()).numpy())
         seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
         following, rewards, terminated, truncated, infos = self._envs.step(actions)
         tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
@@ -115,18 +130,29 @@ class Collector:
             tape.final_observations.extend(infos["final_obs"][ended])
             tape.final_positions.extend(self._position(infos["final_info"])[ended])
 
+    def _perturbed(self, actions: Tensor) -> Tensor:
+        """Add the action noise."""
+        if not self._action_noise:
+            return actions
+        return actions + self._action_noise * torch.randn(actions.shape, generator=self._generator)
+
     def _position(self, infos: Mapping[str, Any]) -> Array:
         """The (x, y) that a grid env reports, `[N, 2]`; from other envs nothing, `[N, 0]`."""
         position: Array = infos.get("position", np.empty((self._envs.num_envs, 0), dtype=np.int64))
         return position
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what the envs showed last."""
-        return {"observations": self._observations.copy(), "positions": self._positions.copy()}
+        """Return what the envs showed last, and where the noise goes on."""
+        return {
+            "observations": self._observations.copy(),
+            "positions": self._positions.copy(),
+            "generator": self._generator.get_state(),
+        }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from what the envs showed last, instead of a reset."""
         self._observations, self._positions = np.array(state["observations"]), np.array(state["positions"])
+        self._generator.set_state(state["generator"].cpu())
 
 
 class _Tape:
@@ -165,8 +191,8 @@ class _Tape:
         )
 
 
-def _executable(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
-    """What turns drawn actions into ones that the env accepts: continuous ones are clipped to their box."""
+def _clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
+    """Return what turns actions into ones that the env accepts: continuous ones are clipped to their box."""
     if isinstance(space, gymnasium.spaces.Box):
         low, high = space.low, space.high
         return lambda actions: np.clip(actions, low, high)

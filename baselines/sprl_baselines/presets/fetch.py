@@ -1,0 +1,12 @@
+"""Settings for the Fetch tasks (appendix G)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+# Table 5's final values, and G.3's normalisation of rewards.
+COMMON: Mapping[str, Any] = {"learning_rate": 0.0005, "action_noise": 0.003, "reward_normalization": "extrinsic"}
+TABLE: Mapping[str, Mapping[str, Any]] = {"ppo": {**COMMON, "entropy_coefficient": 0.01}}
+
+PRESETS = {"table": TABLE}
