@@ -1,14 +1,14 @@
-"""Measure every row, or those of the files named: `python -m benchmarks [fetch] [grid] [learner]`."""
+"""Measure every row, or those of the files named: `python -m benchmarks grid fetch-learner`, say."""
 
 from __future__ import annotations
 
 import sys
 
-from benchmarks import fetch, grid, learner
+from benchmarks import fetch, fetch_learner, grid, learner
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
-ROOMS = {"fetch": fetch.rows, "grid": grid.rows, "learner": learner.rows}
+ROOMS = {"fetch": fetch.rows, "fetch-learner": fetch_learner.rows, "grid": grid.rows, "learner": learner.rows}
 
 
 def main(names: list[str]) -> int:

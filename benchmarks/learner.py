@@ -23,6 +23,7 @@ from torch import nn
 from torch.nn import functional
 
 import sprl_bench  # noqa: F401 - registers the ids
+from benchmarks.learners import our_ppo, sb3_ppo, threads, turn_steps
 from benchmarks.measure import Contender, Row, compare, missing, table
 from sprl_baselines.agents import ppo
 from sprl_baselines.networks import LARGEST_CODES
@@ -31,7 +32,6 @@ __all__ = ["main", "rows"]
 
 TASK = "SPRL/FourRooms-7x7-v1"
 SETTINGS = ppo.hyperparameters("grid", {})
-TURN: int = SETTINGS["num_envs"] * SETTINGS["rollout_length"]  # env steps: one rollout and one update
 BAR, SHARE_OF_LIMIT = 4, 0.35
 REPEATS = 5
 
@@ -45,8 +45,8 @@ WORK_PER_STEP = FORWARD * (1 + 3 * SETTINGS["epochs"])  # act once; a gradient c
 def rows() -> list[Row]:
     """Measure all rows; takes a few minutes."""
     torch.set_flush_denormal(True)
-    against = [_against_sb3(threads) for threads in (1, 2)]
-    return [*against, _against_sb3(1, repeats_observations=False), *(_against_the_limit(threads) for threads in (1, 2))]
+    against = [_against_sb3(count) for count in (1, 2)]
+    return [*against, _against_sb3(1, repeats_observations=False), *(_against_the_limit(count) for count in (1, 2))]
 
 
 def main() -> None:
@@ -54,39 +54,25 @@ def main() -> None:
     print(table(rows()))
 
 
-def _against_sb3(threads: int, *, repeats_observations: bool = True) -> Row:
-    what = f"PPO, FourRooms 7x7, {_threads(threads)}" + ("" if repeats_observations else ", no observation repeats")
-    against = f"Stable-Baselines3 on DummyVecEnv, {_threads(threads)}"
+def _against_sb3(num_threads: int, *, repeats_observations: bool = True) -> Row:
+    what = f"PPO, FourRooms 7x7, {threads(num_threads)}" + ("" if repeats_observations else ", no observation repeats")
+    against = f"Stable-Baselines3 on DummyVecEnv, {threads(num_threads)}"
     if importlib.util.find_spec("stable_baselines3") is None:
         return missing(what, against, bar=BAR)
-    ours = _ours(threads, repeats_observations=repeats_observations)
-    return compare(what, ours, against, _sb3(threads), bar=BAR, repeats=REPEATS)
+    ours = _ours(num_threads, repeats_observations=repeats_observations)
+    return compare(what, ours, against, _sb3(num_threads), bar=BAR, repeats=REPEATS)
 
 
-def _against_the_limit(threads: int) -> Row:
-    what = f"PPO, FourRooms 7x7, {_threads(threads)}, no observation repeats"
+def _against_the_limit(num_threads: int) -> Row:
+    what = f"PPO, FourRooms 7x7, {threads(num_threads)}, no observation repeats"
     against = f"the matrix products that every step needs, {WORK_PER_STEP / 1e6:.1f} MFLOP"
-    ours = _ours(threads, repeats_observations=False)
-    return compare(what, ours, against, _products(threads), bar=SHARE_OF_LIMIT, repeats=REPEATS)
+    ours = _ours(num_threads, repeats_observations=False)
+    return compare(what, ours, against, _products(num_threads), bar=SHARE_OF_LIMIT, repeats=REPEATS)
 
 
-def _threads(count: int) -> str:
-    return f"{count} thread" + "s" * (count > 1)
-
-
-def _ours(threads: int, *, repeats_observations: bool) -> Contender:
+def _ours(num_threads: int, *, repeats_observations: bool) -> Contender:
     envs: VectorEnv[Any, Any, Any] = gymnasium.make_vec(TASK, num_envs=SETTINGS["num_envs"], num_threads=1)
-    if not repeats_observations:
-        envs = Numbered(envs)
-    envs.reset(seed=0)
-    updates = ppo(seed=0, **SETTINGS).train(envs, budget=10**9)
-
-    def turn() -> int:
-        torch.set_num_threads(threads)
-        next(updates)
-        return TURN
-
-    return turn
+    return our_ppo(envs if repeats_observations else Numbered(envs), SETTINGS, num_threads)
 
 
 class Numbered(VectorWrapper[Any, Any, Any]):
@@ -115,10 +101,8 @@ class Numbered(VectorWrapper[Any, Any, Any]):
         return observations
 
 
-def _sb3(threads: int) -> Contender:
-    from stable_baselines3 import PPO  # noqa: PLC0415 - optional
-    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: PLC0415
-    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415
+def _sb3(num_threads: int) -> Contender:
+    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: PLC0415 - optional
 
     class AppendixNetwork(BaseFeaturesExtractor):  # type: ignore[misc,unused-ignore]  # untyped where it is not installed
         """The same layers in the plainest form; SB3 hands over images with their channels first."""
@@ -136,47 +120,21 @@ def _sb3(threads: int) -> Contender:
                 images = torch.relu(torch.cat((images, -images), dim=1))
             return torch.relu(self.wide(images.flatten(1)))
 
-    envs = DummyVecEnv([lambda: gymnasium.make(TASK)] * SETTINGS["num_envs"])
-    model = PPO(
-        "CnnPolicy",
-        envs,
-        learning_rate=SETTINGS["learning_rate"],
-        n_steps=SETTINGS["rollout_length"],
-        batch_size=TURN // SETTINGS["minibatches"],
-        n_epochs=SETTINGS["epochs"],
-        gamma=SETTINGS["gamma"],
-        gae_lambda=SETTINGS["gae_lambda"],
-        clip_range=SETTINGS["clip_range"],
-        clip_range_vf=SETTINGS["clip_range"],
-        ent_coef=SETTINGS["entropy_coefficient"],
-        policy_kwargs={
-            "features_extractor_class": AppendixNetwork,
-            "net_arch": [],
-            "normalize_images": False,
-        },
-        seed=0,
-        device="cpu",
-    )
-
-    def turn() -> int:
-        torch.set_num_threads(threads)
-        model.learn(TURN, reset_num_timesteps=False)
-        return TURN
-
-    return turn
+    network = {"features_extractor_class": AppendixNetwork, "net_arch": [], "normalize_images": False}
+    return sb3_ppo(lambda: gymnasium.make(TASK), "CnnPolicy", network, SETTINGS, num_threads)
 
 
-def _products(threads: int) -> Contender:
+def _products(num_threads: int) -> Contender:
     """Return nothing but the widest layer's product, as often as one turn's arithmetic asks for."""
-    batch = TURN // SETTINGS["minibatches"]
+    batch = turn_steps(SETTINGS) // SETTINGS["minibatches"]
     left, right = torch.randn(batch, CELLS * 16), torch.randn(CELLS * 16, WIDTH)
-    times = round(TURN * WORK_PER_STEP / (2 * batch * CELLS * 16 * WIDTH))
+    times = round(turn_steps(SETTINGS) * WORK_PER_STEP / (2 * batch * CELLS * 16 * WIDTH))
 
     def turn() -> int:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(num_threads)
         for _ in range(times):
             left @ right
-        return TURN
+        return turn_steps(SETTINGS)
 
     return turn
 
