@@ -12,16 +12,20 @@ from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
+from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
 from sprl_bench.suggestions import unknown
 
 __all__ = [
-    "Agent", "AgentFactory", "Resumable", "agent_names", "has_hyperparameter", "load_factory",
+    "Agent", "AgentFactory", "Playable", "Policy", "Resumable", "agent_names", "has_hyperparameter", "load_factory",
     "resolve_hyperparameters",
 ]  # fmt: skip
 
 GROUP = "sprl_bench.agents"
+
+Policy = Callable[[Any], Any]
+"""Takes an observation of a single environment and returns an action for it."""
 
 
 class Agent(Protocol):
@@ -45,6 +49,20 @@ class Resumable(Protocol):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such a state; `train` then goes on from it without resetting the environments."""
+        ...
+
+
+@runtime_checkable
+class Playable(Resumable, Protocol):
+    """An agent that can show what it has learned, apart from training."""
+
+    def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Policy:
+        """Return how the agent acts with the state that `load_state_dict` was given; nothing is learned meanwhile.
+
+        Args:
+            observation_space: That of a single environment.
+            action_space: That of a single environment.
+        """
         ...
 
 

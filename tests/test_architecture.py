@@ -24,6 +24,8 @@ ALLOWED = {
     "sprl_bench.run": BELOW_RUN,
     "sprl_bench.executors": BELOW_RUN | {"sprl_bench.run"},
     "sprl_bench.suite": BELOW_RUN | {"sprl_bench.run", "sprl_bench.executors"},
+    "sprl_bench.policies": BELOW_RUN | {"sprl_bench.envs", "sprl_bench.solver"},
+    "sprl_bench.video": {"sprl_bench.agents", "sprl_bench.envs", "sprl_bench.policies", "sprl_bench.tasks"},
     "sprl_bench.tables": DATA,
     "sprl_bench.plots": DATA | {"sprl_bench.tables"},
     "sprl_bench.leaderboard": DATA | {"sprl_bench.tables"},

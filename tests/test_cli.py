@@ -62,7 +62,7 @@ def test_lists_what_there_is(capsys: Capture) -> None:
 def test_help_and_version(capsys: Capture) -> None:
     status, out, _ = call(capsys, "--help")
     assert status == 0
-    for command in ("run", "status", "table", "plot", "leaderboard", "list", "doctor"):
+    for command in ("run", "status", "table", "plot", "leaderboard", "list", "video", "doctor"):
         assert f"\n  {command} " in out
     assert call(capsys, "--version") == (0, "sprl-bench 0.1.0\n", "")
     assert call(capsys, "run", "--help")[0] == 0
@@ -431,7 +431,8 @@ def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytes
 def test_help_and_lists_load_nothing_heavy() -> None:
     code = (
         "import sys; from sprl_bench.cli import main\n"
-        "for words in (['--help'], ['run', '--help'], ['list', 'envs'], ['list', 'agents'], ['list', 'tasks']):\n"
+        "for words in (['--help'], ['run', '--help'], ['video', '--help'], ['list', 'envs'], ['list', 'agents'],\n"
+        "              ['list', 'tasks']):\n"
         "    assert main(words) == 0\n"
         "heavy = {'torch', 'mujoco', 'numba', 'minigrid', 'pandas', 'pyarrow', 'matplotlib', 'scipy'}\n"
         "sys.exit(', '.join(sorted(heavy & set(sys.modules))) or None)"

@@ -11,7 +11,7 @@ from typing import Annotated, cast
 
 import typer
 
-from sprl_bench.cli import boards, doctoring, listing, reports, running
+from sprl_bench.cli import boards, doctoring, filming, listing, reports, running
 
 __all__ = ["app", "main"]
 
@@ -21,6 +21,8 @@ UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 EXTRAS: Mapping[str, str] = MappingProxyType(
     {
         "gymnasium_robotics": "fetch",
+        "imageio": "video",
+        "imageio_ffmpeg": "video",
         "matplotlib": "plots",
         "mujoco": "fetch",
         "ray": "ray",
@@ -42,6 +44,7 @@ app.command("status")(running.status)
 app.command("table")(reports.table)
 app.command("plot")(reports.plot)
 app.add_typer(boards.app, name="leaderboard")
+app.command("video")(filming.video)
 app.command("doctor")(doctoring.doctor)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # loaded when a command needs them
 
 STATUSES = ("finished", "running", "interrupted", "failed", "waiting")
 
-__all__ = ["parse_seeds", "parse_settings", "run", "status"]
+__all__ = ["find_modules_here", "parse_seeds", "parse_settings", "run", "status"]
 
 
 def run(
@@ -45,7 +45,8 @@ def run(
     from sprl_bench.tasks import find_suite
 
     names = _split(agents, "agents")
-    _find_modules_here(names)
+    if any(":" in name for name in names):
+        find_modules_here()
     specs = expand(
         find_suite(suite),
         names,
@@ -59,10 +60,10 @@ def run(
     return _report(specs, outcomes, out)
 
 
-def _find_modules_here(agents: Sequence[str]) -> None:
+def find_modules_here() -> None:
     """Let a module that the user names be found in the current folder, as `python -m` would; workers inherit this."""
     here = str(Path.cwd())
-    if any(":" in agent for agent in agents) and here not in sys.path:
+    if here not in sys.path:
         sys.path.insert(0, here)
 
 
@@ -108,8 +109,8 @@ def parse_seeds(text: str) -> list[int]:
     return list(range(numbers[0]))
 
 
-def parse_settings(settings: Sequence[str]) -> dict[str, object]:
-    """Return the hyperparameters that "key=value" stand for: each value JSON if it is, else a string.
+def parse_settings(settings: Sequence[str], option: str = "--set") -> dict[str, object]:
+    """Return what "key=value" stand for, as given by a command's `option`: each value JSON if it is, else a string.
 
     Raises:
         ValueError: There is no "=", a key is there twice, or a value is a number that is not finite.
@@ -118,24 +119,24 @@ def parse_settings(settings: Sequence[str]) -> dict[str, object]:
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key:
-            raise ValueError(f"--set is {setting!r}; it must be KEY=VALUE.")
+            raise ValueError(f"{option} is {setting!r}; it must be KEY=VALUE.")
         if key in chosen:
-            raise ValueError(f"--set gives {key!r} twice.")
-        chosen[key] = _value(key, value)
+            raise ValueError(f"{option} gives {key!r} twice.")
+        chosen[key] = _value(f"{option} {key}", value)
     return chosen
 
 
-def _value(key: str, text: str) -> object:
+def _value(name: str, text: str) -> object:
     try:
         value = json.loads(text)
     except json.JSONDecodeError:
         return text
     except (RecursionError, ValueError):
-        raise ValueError(f"--set {key}: {text[:40]!r} is too long or too deep.") from None
+        raise ValueError(f"{name}: {text[:40]!r} is too long or too deep.") from None
     try:
         json.dumps(value, allow_nan=False)
     except ValueError:
-        raise ValueError(f"--set {key}: {text[:40]!r} is not finite.") from None
+        raise ValueError(f"{name}: {text[:40]!r} is not finite.") from None
     return value
 
 

@@ -1,0 +1,172 @@
+"""Who acts in a video: a name becomes a function from one observation to one action.
+
+A policy is `random`, `still`, the exact `solver` of the grids, any function of one's own, or what an agent has learned
+in a run. The agent itself says how it acts (`sprl_bench.agents.Playable`); nothing here knows how any agent works.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from sprl_bench import checkpoint
+from sprl_bench.agents import Playable, Policy, load_factory
+from sprl_bench.envs import GRID_IDS
+from sprl_bench.recorder.folder import CHECKPOINT, SPEC
+from sprl_bench.records import RunSpec, read
+from sprl_bench.suggestions import unknown
+from sprl_bench.tasks import Argument
+
+__all__ = ["NAMES", "Actor", "UnplayableRunError", "find_actor", "find_run"]
+
+Env = gymnasium.Env[Any, Any]
+
+MANY_RUNS: Final = 5  # as many as a message names
+
+
+class UnplayableRunError(ValueError):
+    """A run whose agent cannot be brought back to act."""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """Whoever acts, before there is an environment to act in.
+
+    Attributes:
+        begin: Gives the policy for an environment; every random choice follows from the seed.
+        arguments: Those of the environment in which it learned; none where it did not learn.
+    """
+
+    begin: Callable[[Env, int], Policy]
+    arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
+
+
+def find_actor(name: str) -> Actor:
+    """Return who is called `random`, `still`, `solver`, "package.module:function", or by the folder of a run.
+
+    Raises:
+        ValueError: Nobody is.
+        ModuleNotFoundError: The module, or something that it needs, is not installed.
+        UnplayableRunError: The folder is a run's, but its agent cannot be brought back.
+    """
+    if name in _NAMED:
+        return Actor(_NAMED[name])
+    if (Path(name) / SPEC).is_file():
+        return _trained(Path(name))
+    if ":" in name:
+        policy = _import(name)
+        return Actor(lambda _env, _seed: policy)
+    raise ValueError(
+        unknown("policy", name, NAMES) + " One of your own is named as package.module:function, a run by its folder."
+    )
+
+
+def _import(name: str) -> Policy:
+    module, _, attribute = name.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in attribute.split("."):
+        found = getattr(found, part, None)
+    if not callable(found):
+        raise ValueError(f"Policy {name!r} is not a function that takes an observation and returns an action.")
+    policy: Policy = found
+    return policy
+
+
+def _random(env: Env, seed: int) -> Policy:
+    """Draw each action uniformly."""
+    env.action_space.seed(seed)
+    return lambda _observation: env.action_space.sample()
+
+
+def _still(env: Env, _seed: int) -> Policy:
+    """Do nothing: no displacement, or the grids' "done".
+
+    Raises:
+        ValueError: There is no action that does nothing.
+    """
+    space = env.action_space
+    if isinstance(space, spaces.Box):
+        zeros = np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
+        return lambda _observation: zeros
+    _require_grid(env, "still")
+    from sprl_bench.envs.grid.encoding import DONE  # noqa: PLC0415 - loads numba
+
+    return lambda _observation: DONE
+
+
+def _solver(env: Env, _seed: int) -> Policy:
+    """Follow a shortest path.
+
+    Raises:
+        ValueError: The environment is not one of the grids that the solver knows.
+    """
+    _require_grid(env, "solver")
+    from sprl_bench.solver import optimal_actions  # noqa: PLC0415 - loads numba
+
+    return lambda observation: int(optimal_actions(observation[None])[0])
+
+
+def _require_grid(env: Env, policy: str) -> None:
+    env_id = env.spec.id if env.spec else str(env)
+    if env_id not in GRID_IDS:
+        raise ValueError(f"There is no policy {policy!r} for {env_id}; it is for {', '.join(GRID_IDS)}.")
+
+
+_NAMED: Mapping[str, Callable[[Env, int], Policy]] = MappingProxyType(
+    {"random": _random, "solver": _solver, "still": _still}
+)
+NAMES: Final = tuple(_NAMED)
+"""The policies that have a name."""
+
+
+def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
+    """Return the folder, `root` or below it, of the only run in this environment, by this agent if one is named.
+
+    Raises:
+        ValueError: There are several.
+        FileNotFoundError: There is none.
+        InvalidFileError: The spec of a run there is broken.
+    """
+    specs = {path.parent: read(path, RunSpec) for path in sorted(root.rglob(SPEC))}
+    folders = [folder for folder, spec in specs.items() if spec.task.env_id == env_id and agent in (None, spec.agent)]
+    wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
+    if not folders:
+        raise FileNotFoundError(f"{root} holds no {wanted}.")
+    if len(folders) > 1:
+        names = [*map(str, folders[:MANY_RUNS]), *(["..."] if len(folders) > MANY_RUNS else [])]
+        raise ValueError(f"{root} holds more than one {wanted}; name one of them: {', '.join(names)}")
+    return folders[0]
+
+
+def _trained(folder: Path) -> Actor:
+    """Return the agent of a run, as it was at its last checkpoint."""
+    spec = read(folder / SPEC, RunSpec)
+    if not (folder / CHECKPOINT).exists():
+        raise UnplayableRunError(
+            f"{folder} has no {CHECKPOINT}: a run writes one now and then, and removes it when it is finished."
+        )
+
+    def begin(env: Env, _seed: int) -> Policy:
+        if env.spec is None or env.spec.id != spec.task.env_id:
+            raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
+        agent = _restore(folder, spec)
+        return agent.policy(env.observation_space, env.action_space)
+
+    return Actor(begin, spec.task.arguments)
+
+
+def _restore(folder: Path, spec: RunSpec) -> Playable:
+    factory = load_factory(spec.source or spec.agent)
+    agent = factory(seed=spec.seed, device="cpu", **spec.hyperparameters)
+    if not isinstance(agent, Playable):
+        raise UnplayableRunError(f"Agent {spec.agent!r} cannot show what it has learned: it has no method policy().")
+    agent.load_state_dict(checkpoint.load(folder / CHECKPOINT)["agent"])
+    return agent

@@ -1,0 +1,196 @@
+"""Videos: episodes of an environment under a policy, written whole or not at all.
+
+Time runs as in the environment, which says how many of its steps make a second. Where these are more than a player
+shows, frames in between are left out, but never the first or the last of an episode. Frames go straight into the file:
+a long video takes no more memory than a short one. imageio is loaded when something is filmed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import math
+import os
+import secrets
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Protocol
+
+import gymnasium
+from numpy.typing import NDArray
+
+from sprl_bench.agents import Policy
+from sprl_bench.envs import IDS
+from sprl_bench.policies import find_actor
+from sprl_bench.suggestions import unknown
+from sprl_bench.tasks import Argument
+
+__all__ = ["SUFFIXES", "CannotDrawError", "Episode", "record_video"]
+
+Env = gymnasium.Env[Any, Any]
+
+
+class CannotDrawError(ValueError):
+    """The environment is sound, but this machine cannot draw it."""
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What was filmed.
+
+    Attributes:
+        steps: Environment steps.
+        total_reward: The return.
+        is_success: Whether the goal was reached.
+    """
+
+    steps: int
+    total_reward: float
+    is_success: bool
+
+
+class Film(Protocol):
+    """An open file that takes one frame after the other."""
+
+    def append_data(self, picture: NDArray[Any]) -> None:
+        """Add a picture, uint8 [height, width, 3]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Attributes:
+        needs: The modules that write it.
+        most_frames: As many a second are shown as they should be.
+        options: What imageio wants to know, from the frames a second.
+    """
+
+    needs: tuple[str, ...]
+    most_frames: int
+    options: Callable[[float], dict[str, Any]]
+
+
+_FORMATS: Mapping[str, Format] = MappingProxyType(
+    {
+        # Players take a delay below 20 ms for a tenth of a second; it is counted in hundredths.
+        ".gif": Format(("imageio",), 50, lambda fps: {"duration": 10 * round(100 / fps), "loop": 0}),
+        # H.264 wants an even width and height.
+        ".mp4": Format(
+            ("imageio", "imageio_ffmpeg"), 60, lambda fps: {"format": "FFMPEG", "fps": fps, "macro_block_size": 2}
+        ),
+    }
+)
+SUFFIXES: Final = tuple(_FORMATS)
+
+
+def record_video(
+    env_id: str,
+    output: Path | str,
+    *,
+    policy: str = "random",
+    arguments: Mapping[str, Argument] = MappingProxyType({}),
+    episodes: int = 1,
+    seed: int = 0,
+) -> list[Episode]:
+    """Film episodes of an environment, and return what they came to.
+
+    Args:
+        env_id: The Gymnasium id.
+        output: A .mp4 or .gif file; one that is there is replaced.
+        policy: Who acts: `random`, `still`, `solver` (on the grids), "package.module:function", or a run's folder.
+        arguments: Of the environment; the others are those of the run, or the defaults.
+        episodes: How many, one after the other.
+        seed: Of the environment and of the random policy.
+
+    Raises:
+        ValueError: The id, an argument, the policy, a number or the file's suffix is not allowed.
+        UnplayableRunError: The policy is a run whose agent cannot be brought back.
+        CannotDrawError: Pictures cannot be drawn on this machine.
+        OSError: The file cannot be written.
+        ModuleNotFoundError: The extra `video`, or what the environment needs, is not installed.
+    """
+    path = Path(output)
+    made = _format(path)
+    _check_numbers(episodes, seed)
+    actor = find_actor(policy)
+    with contextlib.closing(_make(env_id, {**actor.arguments, **arguments})) as env:
+        play = actor.begin(env, seed)
+        steps_a_second = env.metadata.get("render_fps", made.most_frames)
+        stride = math.ceil(steps_a_second / made.most_frames)
+        with _open(path, made.options(steps_a_second / stride)) as film:
+            # The first episode is seeded; the others follow from it.
+            return [_shoot(env, play, chosen, film, stride) for chosen in (seed, *[None] * (episodes - 1))]
+
+
+def _format(path: Path) -> Format:
+    """Return what the file's suffix stands for, once what writes it is found to be installed."""
+    if path.suffix.lower() not in _FORMATS:
+        raise ValueError(unknown("suffix of a video:", path.suffix, SUFFIXES))
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    found = _FORMATS[path.suffix.lower()]
+    for module in found.needs:
+        importlib.import_module(module)
+    return found
+
+
+def _check_numbers(episodes: int, seed: int) -> None:
+    if episodes < 1:
+        raise ValueError(f"episodes is {episodes}; it must be at least 1.")
+    if seed < 0:
+        raise ValueError(f"seed is {seed}; it must be at least 0.")
+
+
+def _make(env_id: str, arguments: Mapping[str, Argument]) -> Env:
+    if ":" not in env_id and env_id not in gymnasium.registry:
+        raise ValueError(unknown("environment", env_id, IDS))
+    try:
+        return gymnasium.make(env_id, render_mode="rgb_array", **arguments)  # type: ignore[arg-type] # passed on
+    except (TypeError, gymnasium.error.Error) as error:
+        raise ValueError(str(error.__cause__ or error)) from error  # Gymnasium puts its own words behind ours
+
+
+@contextlib.contextmanager
+def _open(path: Path, options: Mapping[str, Any]) -> Iterator[Film]:
+    """Give a file beside `path` that takes its place once it is whole, and leaves nothing behind if it never is."""
+    import imageio.v2  # noqa: PLC0415 - the extra `video`
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix.lower()}")
+    try:
+        temporary.touch(exist_ok=False)
+        writer: Any = imageio.v2.get_writer(temporary, **options)
+        with writer as film:
+            yield film
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _shoot(env: Env, policy: Policy, seed: int | None, film: Film, stride: int) -> Episode:
+    """Play one episode, and film its first state, every `stride`-th after it, and the last."""
+    observation, info = env.reset(seed=seed)
+    film.append_data(_draw(env))
+    steps, total_reward, is_over = 0, 0.0, False
+    while not is_over:
+        observation, reward, terminated, truncated, info = env.step(policy(observation))
+        steps, total_reward, is_over = steps + 1, total_reward + float(reward), terminated or truncated
+        if is_over or steps % stride == 0:
+            film.append_data(_draw(env))
+    return Episode(steps, total_reward, bool(info.get("is_success", False)))
+
+
+def _draw(env: Env) -> NDArray[Any]:
+    try:
+        picture: Any = env.render()
+    except Exception as error:  # whatever a graphics driver comes up with
+        raise CannotDrawError(
+            f"Pictures cannot be drawn here ({type(error).__name__}: {error}); sprl-bench doctor says more."
+        ) from error
+    return picture  # type: ignore[no-any-return]
