@@ -14,7 +14,6 @@ import pytest
 from sprl_bench import records
 from sprl_bench.agents import agent_names
 from sprl_bench.cli import main
-from sprl_bench.cli.doctoring import examine, pinned_versions
 from sprl_bench.cli.running import parse_seeds, parse_settings
 from sprl_bench.envs import IDS
 from sprl_bench.records import RunRecord, find_records
@@ -397,35 +396,6 @@ def test_an_agent_of_one_s_own_is_found_in_the_current_folder(tmp_path: Path) ->
     assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
     [record] = find_records(tmp_path / "runs")
     assert (record.spec.agent, record.spec.hyperparameters, record.totals.env_steps) == ("still", {"width": 3}, 300)
-
-
-def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    pins = pinned_versions()
-    assert {"gymnasium", "minigrid", "numba", "numpy", "torch"} <= pins.keys()
-    assert {finding.subject for finding in examine()} >= {"python", "numpy", "torch", "[baselines]", "[plots]"}
-    monkeypatch.setattr("sprl_bench.cli.doctoring.pinned_versions", lambda: {**pins, "numpy": "0.1"})
-    status, out, _ = call(capsys, "doctor")
-    assert status == 0
-    assert "! numpy" in out
-    assert "scored runs use 0.1" in out
-    assert "may not compare with published ones: numpy" in out
-
-
-def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from sprl_bench.cli import doctoring
-
-    monkeypatch.setattr(doctoring, "__file__", str(tmp_path / "sprl_bench" / "cli" / "doctoring.py"))
-    assert pinned_versions() == {}
-    status, out, _ = call(capsys, "doctor")
-    assert status == 0
-    assert "? numpy" in out
-    assert "Cannot tell for want of a pinned version (constraints.txt): gymnasium, " in out
-    assert "compare with published ones" not in out
-    (tmp_path / "sprl_bench").mkdir()
-    (tmp_path / "sprl_bench" / "_constraints.txt").write_text("numpy==0.1\n")
-    assert pinned_versions() == {"numpy": "0.1"}
-    _, out, _ = call(capsys, "doctor")
-    assert "! numpy" in out
 
 
 def test_help_and_lists_load_nothing_heavy() -> None:
