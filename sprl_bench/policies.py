@@ -49,24 +49,32 @@ class Actor:
     arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def find_actor(name: str) -> Actor:
+def find_actor(name: str | Policy) -> Actor:
     """Return who is called `random`, `still`, `solver`, "package.module:function", or by the folder of a run.
+
+    Args:
+        name: That, or a function of one's own, which takes an observation and returns an action.
 
     Raises:
         ValueError: Nobody is.
         ModuleNotFoundError: The module, or something that it needs, is not installed.
         UnplayableRunError: The folder is a run's, but its agent cannot be brought back.
     """
+    if not isinstance(name, str):
+        return _given(name)
     if name in _NAMED:
         return Actor(_NAMED[name])
     if (Path(name) / SPEC).is_file():
         return _trained(Path(name))
     if ":" in name:
-        policy = _import(name)
-        return Actor(lambda _env, _seed: policy)
+        return _given(_import(name))
     raise ValueError(
         unknown("policy", name, NAMES) + " One of your own is named as package.module:function, a run by its folder."
     )
+
+
+def _given(policy: Policy) -> Actor:
+    return Actor(lambda _env, _seed: policy)
 
 
 def _import(name: str) -> Policy:

@@ -92,7 +92,7 @@ def record_video(
     env_id: str,
     output: Path | str,
     *,
-    policy: str = "random",
+    policy: str | Policy = "random",
     arguments: Mapping[str, Argument] = MappingProxyType({}),
     episodes: int = 1,
     seed: int = 0,
@@ -102,7 +102,8 @@ def record_video(
     Args:
         env_id: The Gymnasium id.
         output: A .mp4 or .gif file; one that is there is replaced.
-        policy: Who acts: `random`, `still`, `solver` (on the grids), "package.module:function", or a run's folder.
+        policy: Who acts: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a
+            function that takes an observation and returns an action.
         arguments: Of the environment; the others are those of the run, or the defaults.
         episodes: How many, one after the other.
         seed: Of the environment and of the random policy.

@@ -116,6 +116,8 @@ def test_a_policy_of_one_s_own(tmp_path: Path) -> None:
     assert len(between) == 3
     assert np.abs(start.astype(int) - end).max() < 100  # four turns to the left
     assert all(np.abs(start.astype(int) - other).max() > 100 for other in between)
+    [episode] = record_video(GRID, tmp_path / "b.gif", policy=lambda _: 0, arguments={"max_episode_steps": 4})
+    assert episode == Episode(4, 0.0, False)
     for name in ("film_fakes:FORWARD", "film_fakes:backward", "film_fakes:"):
         with pytest.raises(ValueError, match=f"Policy '{name}' is not a function"):
             find_actor(name)
