@@ -17,7 +17,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sprl_baselines.agents import LearningAgent, LearningAgentFactory, ppo
+from sprl_baselines.agents import LearningAgent, LearningAgentFactory, gt_grid, icm, ppo
 from sprl_baselines.bonus import NoBonus, NoBonusConfig
 from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO
@@ -28,9 +28,15 @@ from sprl_bench.agents import Resumable, load_factory, resolve_hyperparameters
 
 GRID = "SPRL/FourRooms-7x7-v1"
 SMALL: dict[str, Any] = {"num_envs": 4, "rollout_length": 32, "epochs": 2, "minibatches": 2}
-FACTORIES: dict[str, Any] = {"ppo": ppo, "random": random}
-QUICK: dict[str, dict[str, Any]] = {"ppo": SMALL, "random": {"num_envs": 4}}
-STEPS_PER_UPDATE = {"ppo": 4 * 32, "random": 4 * 256}
+FACTORIES: dict[str, Any] = {"gt-grid": gt_grid, "icm": icm, "ppo": ppo, "random": random}
+QUICK: dict[str, dict[str, Any]] = {
+    "gt-grid": SMALL,
+    "icm": {**SMALL, "icm_epochs": 2, "icm_minibatches": 2},
+    "ppo": SMALL,
+    "random": {"num_envs": 4},
+}
+STEPS_PER_UPDATE = {"gt-grid": 4 * 32, "icm": 4 * 32, "ppo": 4 * 32, "random": 4 * 256}
+PRIVILEGED = {"gt-grid"}
 every_agent = pytest.mark.parametrize("name", sorted(FACTORIES))
 
 
@@ -198,7 +204,7 @@ def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
 @every_agent
 def test_the_installed_name_leads_to_the_factory(name: str) -> None:
     assert load_factory(name) is FACTORIES[name]
-    assert FACTORIES[name].privileged is False
+    assert FACTORIES[name].privileged is (name in PRIVILEGED)
 
 
 @every_agent
@@ -236,6 +242,29 @@ def test_the_fetch_preset_is_table_5() -> None:
     assert (resolved["learning_rate"], resolved["entropy_coefficient"]) == (0.0005, 0.01)
     assert (resolved["action_noise"], resolved["reward_normalization"]) == (0.003, "extrinsic")
     assert (resolved["mlp_layers"], resolved["mlp_units"]) == (4, 256)
+
+
+def test_icm_has_its_presets_of_tables_1_and_5() -> None:
+    names = ("learning_rate", "entropy_coefficient", "forward_share", "icm_loss_weight", "bonus_weight")
+    own = "icm_learning_rate"
+    grid, fetch = (icm.hyperparameters(domain, {}) for domain in ("grid", "fetch"))
+    assert [grid[name] for name in names] == [0.003, 0.01, 0.8, 0.3, 0.1]
+    assert [fetch[name] for name in names] == [0.0005, 0.001, 1.0, 1.0, 0.001]
+    assert (grid[own], fetch[own]) == (0.003, 0.0005)
+    assert (fetch["action_noise"], fetch["reward_normalization"]) == (0.003, "extrinsic")
+
+
+def test_gt_grid_has_its_preset_of_table_1_and_none_for_fetch() -> None:
+    resolved = gt_grid.hyperparameters("grid", {})
+    names = ("learning_rate", "entropy_coefficient", "bonus_weight", "visit_key")
+    assert [resolved[name] for name in names] == [0.003, 0.01, 0.01, "position"]
+    with pytest.raises(ValueError, match=r"^Agent 'gt-grid' has no fetch preset 'table'; there is one for .*ppo.*\.$"):
+        gt_grid.hyperparameters("fetch", {})
+
+
+def test_an_agent_that_no_preset_names_keeps_its_defaults() -> None:
+    mine = LearningAgentFactory("mine", OneEach, NoBonusConfig)
+    assert mine.hyperparameters("fetch", {}) == mine.hyperparameters("grid", {}) == ppo.hyperparameters("grid", {})
 
 
 def test_unknown_domains_and_presets_are_refused() -> None:

@@ -12,14 +12,23 @@ DOMAINS = {"fetch": fetch.PRESETS, "grid": grid.PRESETS}
 
 
 def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
-    """Return what the named preset changes for an agent in a domain.
+    """Return what the named preset changes for an agent in a domain: nothing for an agent that has no preset at all.
 
     Raises:
-        ValueError: The domain or the preset is unknown.
+        ValueError: The domain or the preset is unknown, or the agent has presets, but not this one.
     """
     if domain not in DOMAINS:
         raise ValueError(unknown("domain", domain, DOMAINS))
     presets = DOMAINS[domain]
     if name not in presets:
         raise ValueError(unknown(f"{domain} preset", name, presets))
+    if agent not in presets[name] and agent in _agents():
+        raise ValueError(
+            f"Agent {agent!r} has no {domain} preset {name!r}; there is one for {', '.join(presets[name])}."
+        )
     return presets[name].get(agent, {})
+
+
+def _agents() -> set[str]:
+    """Return the agents that have a preset in some domain."""
+    return {agent for presets in DOMAINS.values() for settings in presets.values() for agent in settings}

@@ -1,0 +1,272 @@
+"""ICM: pays for what a learned model of the dynamics does not foresee (Pathak et al. 2017).
+
+Features phi of the observation are learned together with two models on them: a forward model that predicts the
+successor's features from the action, and an inverse model that infers the action from both. The bonus is the forward
+model's error. Error scale, clipping and weights follow the curiosity baseline of Savinov et al. (2018), as the paper's
+Tables 1 and 5 do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import ceil, prod
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+import torch
+from gymnasium import Space, spaces
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils import clip_grad_norm_, skip_init
+
+from sprl_baselines import learned
+from sprl_baselines.bonus import Setting
+from sprl_baselines.config import Config, Count, Positive, Share, Weight
+from sprl_baselines.distinct import distinct
+from sprl_baselines.networks import HIDDEN_GAIN, FlattenCells, ScaledCells, linear, mlp_trunk
+from sprl_baselines.rollout import Rollout
+
+ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
+CHANNELS = 32
+
+
+@dataclass(frozen=True)
+class ICMConfig(Config):
+    """Hyperparameters of ICM."""
+
+    bonus_weight: Weight = 0.1  # what the clipped error is multiplied by (Table 1)
+    forward_share: Share = 0.8  # of the forward loss in the model's loss; the rest is the inverse loss (Table 1)
+    icm_loss_weight: Weight = 0.3  # multiplies the model's loss before its gradient is cut (Table 1)
+    icm_learning_rate: Positive = 0.003  # step size of the model's own Adam: PPO's (Table 1)
+    icm_adam_epsilon: Positive = 1e-5  # its guard against division by zero
+    icm_max_grad_norm: Positive = 0.5  # longer gradients of the model are cut to this length
+    icm_epochs: Count = 4  # passes of the model over a rollout
+    icm_minibatches: Count = 4  # its gradient steps in a pass
+    icm_units: Count = 256  # width of the hidden layer of the forward and of the inverse model
+
+
+class ICM:
+    """The forward model's error as a bonus.
+
+    It remembers nothing of an episode, and a step that ends one is like any other: its successor is the true one.
+
+    Args:
+        setting: Where it works.
+        config: Hyperparameters.
+    """
+
+    privileged: ClassVar[bool] = False
+
+    def __init__(self, setting: Setting, config: ICMConfig) -> None:
+        self._config = config
+        self._generator = torch.Generator(setting.device).manual_seed(setting.seed)
+        self.network = Dynamics(
+            setting.observation_space,
+            setting.action_space,
+            torch.Generator().manual_seed(setting.seed),
+            units=config.icm_units,
+        ).to(setting.device)
+        self._optimizer = torch.optim.Adam(
+            self.network.parameters(), lr=config.icm_learning_rate, eps=config.icm_adam_epsilon, fused=True
+        )
+
+    def reward(self, rollout: Rollout) -> Tensor:
+        """Return weight * clip(error, -1, 1), `[T, N]`; no error is below 0."""
+        with torch.no_grad():
+            errors: Tensor = self.network(Transitions.of(rollout)).errors
+        return self._config.bonus_weight * errors.clamp(max=1).view_as(rollout.rewards)
+
+    def update(self, rollout: Rollout) -> Mapping[str, float]:
+        """Train features and models on one rollout; return means over all gradient steps.
+
+        Raises:
+            ValueError: There are more minibatches than transitions.
+        """
+        statistics = [self._gradient_step(batch) for batch in self._minibatches(Transitions.of(rollout))]
+        means = torch.stack([torch.stack(list(step.values())) for step in statistics]).mean(dim=0).tolist()
+        return dict(zip(statistics[0], means, strict=True))
+
+    def _minibatches(self, transitions: Transitions) -> Iterator[Transitions]:
+        """Go through all transitions `icm_epochs` times, each time in a new order."""
+        count, parts = len(transitions.actions), self._config.icm_minibatches
+        if parts > count:
+            raise ValueError(
+                f"Hyperparameter icm_minibatches={parts} must be at most num_envs * rollout_length, {count}."
+            )
+        for _ in range(self._config.icm_epochs):
+            order = torch.randperm(count, generator=self._generator, device=self._generator.device)
+            for indices in order.tensor_split(parts):
+                yield transitions.take(indices)
+
+    def _gradient_step(self, batch: Transitions) -> dict[str, Tensor]:
+        foreseen = self.network(batch)
+        forward_loss = foreseen.errors.mean()
+        inverse = self.network.actions.judge(foreseen.actions, batch.actions)
+        share = self._config.forward_share
+        loss = self._config.icm_loss_weight * (share * forward_loss + (1 - share) * inverse["inverse_loss"])
+        self._optimizer.zero_grad()
+        loss.backward()
+        clip_grad_norm_(self.network.parameters(), self._config.icm_max_grad_norm)
+        self._optimizer.step()
+        variance = foreseen.features.var(dim=0, correction=0).mean()
+        metrics = {"forward_loss": forward_loss, **inverse, "phi_variance": variance}
+        return {name: value.detach() for name, value in metrics.items()}
+
+    def state_dict(self) -> Mapping[str, Any]:
+        """Return parameters, optimizer moments and the generator's state, copied."""
+        return learned.saved(self.network, self._optimizer, self._generator)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state."""
+        learned.restore(self.network, self._optimizer, self._generator, state)
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """B steps to learn from, in no order."""
+
+    observations: Tensor  # [D, ...] the distinct ones
+    places: Tensor  # [B, 2] of each step's observation and of its true successor among them
+    actions: Tensor  # [B] or [B, A], as drawn from the policy
+
+    @classmethod
+    def of(cls, rollout: Rollout) -> Transitions:
+        """Flatten a rollout."""
+        pairs = torch.stack((rollout.observations, rollout.next_observations), dim=2)  # [T, N, 2, ...]
+        observations, places = distinct(pairs.flatten(0, 2))
+        return cls(observations, places.view(-1, 2), rollout.actions.flatten(0, 1))
+
+    def take(self, indices: Tensor) -> Transitions:
+        """Return the steps at these indices, with none but their own observations."""
+        needed, places = self.places[indices].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        return Transitions(self.observations.index_select(0, needed), places, self.actions[indices])
+
+
+class Foresight(NamedTuple):
+    """What the models made of B transitions."""
+
+    errors: Tensor  # [B] of the forward model, 0.5 * 288 * the mean squared difference over features
+    actions: Tensor  # [B, A] logits, or the actions themselves, as the inverse model infers them
+    features: Tensor  # [B, F] phi of the true successors
+
+
+class Dynamics(nn.Module):
+    """Features phi, which the policy has no part in, with the forward and the inverse model.
+
+    Args:
+        observation_space: Grids `[H, W, 3]` uint8, or a flat Box.
+        action_space: Discrete (from 0), or a flat Box.
+        generator: Source of the initial parameters, on the CPU.
+        units: Width of the two models' hidden layers.
+
+    Raises:
+        ValueError: There is no model for such spaces.
+    """
+
+    def __init__(
+        self, observation_space: Space[Any], action_space: Space[Any], generator: torch.Generator, *, units: int
+    ) -> None:
+        super().__init__()
+        self.actions = action_kind(action_space)
+        self.phi, features = encoder(observation_space, generator)
+        self.forward_model = model(features + self.actions.size, features, units, generator)
+        self.inverse_model = model(2 * features, self.actions.size, units, generator)
+
+    def forward(self, transitions: Transitions) -> Foresight:
+        """Compute phi once for each distinct observation, and what both models say."""
+        before, after = self.phi(transitions.observations)[transitions.places].unbind(1)
+        predicted = self.forward_model(torch.cat((before, self.actions.encode(transitions.actions)), dim=1))
+        errors = ERROR_SCALE * (predicted - after).square().mean(dim=1)
+        return Foresight(errors, self.inverse_model(torch.cat((before, after), dim=1)), after)
+
+
+def model(inputs: int, outputs: int, units: int, generator: torch.Generator) -> nn.Sequential:
+    """One hidden layer."""
+    hidden, out = linear(inputs, units, HIDDEN_GAIN, generator), linear(units, outputs, 1.0, generator)
+    return nn.Sequential(hidden, nn.ReLU(inplace=True), out)
+
+
+# ------------------------------------------------------------------------------------------ features
+
+
+def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequential, int]:
+    """The network phi for such observations, and its number of features.
+
+    A convolution of stride 2 leaves half of the cells along each side, rounded up.
+    """
+    match space:
+        case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
+            inputs = (ScaledCells.channels, CHANNELS, CHANNELS, CHANNELS)
+            layers = [layer for count in inputs for layer in (convolution(count, generator), nn.ELU(inplace=True))]
+            features = CHANNELS * prod(ceil(cells / 2 ** len(inputs)) for cells in (height, width))
+            return nn.Sequential(ScaledCells(), *layers, FlattenCells()), features
+        case spaces.Box(shape=(size,)):
+            return mlp_trunk(size, 4, size, generator), size
+        case _:
+            raise ValueError(f"ICM has no features for observations in {space}: need (H, W, 3) uint8 or a flat Box.")
+
+
+def convolution(inputs: int, generator: torch.Generator) -> nn.Conv2d:
+    """3x3 with stride 2, orthogonal weights and zero bias."""
+    layer: nn.Conv2d = skip_init(nn.Conv2d, inputs, CHANNELS, 3, stride=2, padding=1)  # type: ignore[no-untyped-call]
+    nn.init.orthogonal_(layer.weight, HIDDEN_GAIN, generator)
+    nn.init.zeros_(layer.bias)  # type: ignore[arg-type]  # there is one
+    return layer
+
+
+# ------------------------------------------------------------------------------------------- actions
+
+
+class ActionKind(Protocol):
+    """How actions enter the forward model, and how the inverse model's answer is judged."""
+
+    size: int  # numbers that stand for an action
+
+    def encode(self, actions: Tensor) -> Tensor:
+        """Actions as numbers, `[B, size]`."""
+
+    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+        """`inverse_loss`, and other measures, of the answers `[B, size]`."""
+
+
+class DiscreteActions:
+    """One-hot in, logits out."""
+
+    def __init__(self, count: int) -> None:
+        self.size = count
+
+    def encode(self, actions: Tensor) -> Tensor:
+        """`[B]` -> `[B, count]`."""
+        return functional.one_hot(actions, self.size).float()
+
+    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+        """Cross-entropy, and the share of actions that were told right."""
+        right = answers.argmax(dim=1) == actions
+        return {"inverse_loss": functional.cross_entropy(answers, actions), "inverse_accuracy": right.float().mean()}
+
+
+class ContinuousActions:
+    """Actions as the policy drew them, in and out."""
+
+    def __init__(self, size: int) -> None:
+        self.size = size
+
+    def encode(self, actions: Tensor) -> Tensor:
+        """`[B, size]` -> `[B, size]`."""
+        return actions
+
+    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+        """Squared error, mean over components."""
+        return {"inverse_loss": (answers - actions).square().mean()}
+
+
+def action_kind(space: Space[Any]) -> ActionKind:
+    """The kind for this action space."""
+    match space:
+        case spaces.Discrete(n=count, start=0):
+            return DiscreteActions(int(count))
+        case spaces.Box(shape=(size,)):
+            return ContinuousActions(size)
+        case _:
+            raise ValueError(f"ICM has no model for actions in {space}: need Discrete (from 0) or a flat Box.")
