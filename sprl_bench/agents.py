@@ -56,8 +56,12 @@ class Resumable(Protocol):
 class Playable(Resumable, Protocol):
     """An agent that can show what it has learned, apart from training."""
 
+    def weights(self) -> Mapping[str, Any]:
+        """Return the part of the state that acting needs; a finished run keeps it."""
+        ...
+
     def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Policy:
-        """Return how the agent acts with the state that `load_state_dict` was given; nothing is learned meanwhile.
+        """Return how the agent acts with what `load_state_dict` was given, a whole state or the weights alone.
 
         Args:
             observation_space: That of a single environment.

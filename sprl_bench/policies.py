@@ -20,7 +20,7 @@ from gymnasium import spaces
 from sprl_bench import checkpoint
 from sprl_bench.agents import Playable, Policy, load_factory
 from sprl_bench.envs import GRID_IDS
-from sprl_bench.recorder.folder import CHECKPOINT, SPEC
+from sprl_bench.recorder.folder import CHECKPOINT, SPEC, WEIGHTS
 from sprl_bench.records import RunSpec, read
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
@@ -155,26 +155,28 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
 
 
 def _trained(folder: Path) -> Actor:
-    """Return the agent of a run, as it was at its last checkpoint."""
+    """Return the agent of a run, as it was in the end, or at the last checkpoint of one that has not ended."""
     spec = read(folder / SPEC, RunSpec)
-    if not (folder / CHECKPOINT).exists():
+    saved = [folder / name for name in (CHECKPOINT, WEIGHTS) if (folder / name).exists()]
+    if not saved:
         raise UnplayableRunError(
-            f"{folder} has no {CHECKPOINT}: a run writes one now and then, and removes it when it is finished."
+            f"{folder} has neither {CHECKPOINT}, which a run writes now and then, nor {WEIGHTS}, which it leaves in "
+            f"the end if its agent has a method policy()."
         )
 
     def begin(env: Env, _seed: int) -> Policy:
         if env.spec is None or env.spec.id != spec.task.env_id:
             raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
-        agent = _restore(folder, spec)
+        agent = _restore(saved[0], spec)
         return agent.policy(env.observation_space, env.action_space)
 
     return Actor(begin, spec.task.arguments)
 
 
-def _restore(folder: Path, spec: RunSpec) -> Playable:
+def _restore(file: Path, spec: RunSpec) -> Playable:
     factory = load_factory(spec.source or spec.agent)
     agent = factory(seed=spec.seed, device="cpu", **spec.hyperparameters)
     if not isinstance(agent, Playable):
         raise UnplayableRunError(f"Agent {spec.agent!r} cannot show what it has learned: it has no method policy().")
-    agent.load_state_dict(checkpoint.load(folder / CHECKPOINT)["agent"])
+    agent.load_state_dict(checkpoint.load(file)["agent"])
     return agent

@@ -23,9 +23,9 @@ from typing import Any, Self
 import numpy as np
 
 from sprl_bench import checkpoint, machine
-from sprl_bench.agents import Resumable, load_factory
+from sprl_bench.agents import Playable, Resumable, load_factory
 from sprl_bench.recorder import VectorRecorder, make_envs
-from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, lock, remove_leftovers
+from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, WEIGHTS, lock, remove_leftovers
 from sprl_bench.recorder.results import write_result
 from sprl_bench.records import RunRecord, RunSpec, differences, read, write
 
@@ -250,7 +250,9 @@ class _Session:
         logger.info("%s goes on after %d env steps.", self._folder, self.env_steps)
 
     def finish(self) -> RunRecord:
-        """Write the record, and remove what only an unfinished run needs."""
+        """Write what the agent has learned and the record, and remove what only an unfinished run needs."""
+        if isinstance(self._agent, Playable):
+            checkpoint.save(self._folder / WEIGHTS, {"agent": self._agent.weights()})
         record = write_result(
             self._folder,
             self.spec,

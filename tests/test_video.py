@@ -180,6 +180,14 @@ def test_what_an_agent_has_learned_acts(tmp_path: Path) -> None:
         record_video("SPRL/KeyDoors-7x7-v1", tmp_path / "b.gif", policy=str(folder))
 
 
+def test_a_finished_run_keeps_what_its_agent_has_learned(tmp_path: Path) -> None:
+    spec = make_spec()
+    run(spec, tmp_path)
+    folder = spec.path(tmp_path)
+    assert not (folder / "checkpoint.safetensors").exists()
+    assert find_actor(str(folder)).begin(gymnasium.make(GRID), 0)(None) == 2
+
+
 def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None) -> None:
     spec = make_spec(env_id=FETCH, substep=250)
     folder = spec.path(tmp_path)
@@ -189,9 +197,9 @@ def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None
 
 
 def test_a_run_that_cannot_act_says_why(tmp_path: Path) -> None:
-    finished = make_spec()
+    finished = make_spec("walker", seed=1)
     run(finished, tmp_path)
-    with pytest.raises(UnplayableRunError, match=r"has no checkpoint.safetensors: .* removes it when it is finished"):
+    with pytest.raises(UnplayableRunError, match=r"has neither checkpoint.safetensors.* nor weights.safetensors"):
         find_actor(str(finished.path(tmp_path)))
     folder = interrupt(make_spec("walker"), tmp_path)
     env = gymnasium.make(GRID)

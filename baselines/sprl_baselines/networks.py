@@ -148,16 +148,23 @@ GRID_FEATURES = 512
 
 def grid_trunk(height: int, width: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
     """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3]` uint8 -> `[B, 512]`."""
+    convolutions, features = grid_convolutions(height, width, encoding, generator)
+    return nn.Sequential(*convolutions, linear(features, GRID_FEATURES, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
+
+
+def grid_convolutions(
+    height: int, width: int, encoding: str, generator: torch.Generator
+) -> tuple[list[nn.Module], int]:
+    """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
     cells = GRID_ENCODINGS[encoding]()
-    return nn.Sequential(
+    layers: list[nn.Module] = [
         cells,
         CReLUConvolution(cells.channels, 16, generator),
         CReLUConvolution(32, 8, generator),
         CReLUConvolution(16, 8, generator),
         FlattenCells(),
-        linear(prod((height, width, 16)), GRID_FEATURES, HIDDEN_GAIN, generator),
-        nn.ReLU(inplace=True),
-    )
+    ]
+    return layers, prod((height, width, 16))
 
 
 def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) -> nn.Sequential:

@@ -19,6 +19,7 @@ __all__ = [
     "OUTPUT",
     "RECORD",
     "SPEC",
+    "WEIGHTS",
     "LockedError",
     "is_locked",
     "lock",
@@ -29,6 +30,7 @@ RECORD: Final = "record.json"
 EPISODES: Final = "episodes.parquet"
 METRICS: Final = "metrics.jsonl"
 CHECKPOINT: Final = "checkpoint.safetensors"
+WEIGHTS: Final = "weights.safetensors"
 SPEC: Final = "spec.json"
 ERROR: Final = "error.txt"
 OUTPUT: Final = "output.txt"
@@ -107,6 +109,6 @@ def is_locked(folder: Path) -> bool:
 
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files of a process that was killed while it wrote; the caller holds the lock."""
-    for name in (RECORD, EPISODES, CHECKPOINT, SPEC):
+    for name in (RECORD, EPISODES, CHECKPOINT, WEIGHTS, SPEC):
         for path in folder.glob(f".{name}.*"):
             path.unlink()

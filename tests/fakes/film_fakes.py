@@ -22,6 +22,9 @@ def failing(observation: Any) -> int:
 class Actor(ResumableWalker):
     """Walks ahead once it has learned, and turns on the spot before."""
 
+    def weights(self) -> dict[str, Any]:
+        return self.state_dict()
+
     def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], int]:
         assert action_space.n == 7
         return lambda _observation: FORWARD if self._updates > 0 else TURN_LEFT

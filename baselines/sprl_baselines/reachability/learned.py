@@ -1,0 +1,224 @@
+"""Reachability learned from the agent's own experience: when to train, on what, and from when on to trust it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import torch
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from sprl_baselines.bonus import Setting
+from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, Weight
+from sprl_baselines.networks import GRID_ENCODINGS
+from sprl_baselines.reachability.network import PAIR_INPUTS, reachability_network
+from sprl_baselines.reachability.pairs import Judge
+from sprl_baselines.reachability.replay import Replay
+from sprl_baselines.reachability.triplets import NEGATIVES, Triplets, accuracy_ranges, scatter, training_ranges, walk
+from sprl_baselines.rollout import Rollout
+
+
+@dataclass(frozen=True)
+class ReachabilityConfig(Config):
+    """Hyperparameters of the reachability network; those of the grids are the defaults."""
+
+    k: Count = 2  # steps within which a state counts as reached (Table 1)
+    tolerance: Count = 1  # steps between two states that are compared with the same later one (Table 1)
+    positive_bias: Count = 5  # the next anchor is drawn from as many steps after the positive (Table 1)
+    negative_bias: Annotated[int, Range(0)] = (
+        20  # a negative lies at least k and as many steps after its anchor (Table 1)
+    )
+    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # how far negatives may lie (Algorithm 1)
+    replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
+    train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
+    later_from: Annotated[int, Range(0)] = 0  # env steps after which `train_every_later` holds; 0 for never
+    train_every_later: Count = 12_000  # env steps between two trainings from then on
+    last_from: Annotated[int, Range(0)] = 0  # env steps after which `train_every_last` holds; 0 for never
+    train_every_last: Count = 36_000  # env steps between two trainings from then on
+    max_pairs: Count = 30_000  # pairs in a training at most
+    pair_batch: Annotated[int, Range(4)] = 128  # pairs in a gradient step, half of them positive
+    reachability_learning_rate: Positive = 0.0003  # Adam's step size
+    weight_decay: Weight = 0.0  # pull of all parameters towards 0 (appendix F.3)
+    label_smoothing: Share = 0.0  # targets are as far apart as 1 minus this (appendix F.3)
+    pair_input: Annotated[str, Choice(*PAIR_INPUTS)] = "pair"  # both states, or the later and the "difference" (F.4)
+    embedding_units: Count = 128  # features of a state on its own (grids)
+    head_layers: Count = 2  # hidden layers of the head
+    head_units: Count = 128  # width of each
+    reachability_grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"  # as the policy's `grid_encoding`
+    ready_trainings: Count = 20  # trainings whose mean accuracy decides whether the network may be trusted
+    ready_accuracy: Share = 0.75  # what that mean must exceed, once
+    accuracy_pairs: Count = 15_000  # positives, and as many negatives, that accuracy is measured on (appendix B.1)
+
+
+class LearnedReachability:
+    """A network trained on triplets of a replay (appendix E.3).
+
+    Its accuracy is measured as in appendix B.1, on the steps that have come in since the last training: before the
+    network learns from them.
+    """
+
+    def __init__(self, setting: Setting, config: ReachabilityConfig) -> None:
+        self.config = config
+        self._device = setting.device
+        self._generator = torch.Generator().manual_seed(setting.seed)
+        self.network = reachability_network(
+            setting.observation_space,
+            self._generator,
+            grid_encoding=config.reachability_grid_encoding,
+            embedding_units=config.embedding_units,
+            layers=config.head_layers,
+            units=config.head_units,
+            pair_input=config.pair_input,
+        ).to(setting.device)
+        self.network.eval()
+        self._optimizer = torch.optim.Adam(
+            self.network.parameters(),
+            lr=config.reachability_learning_rate,
+            weight_decay=config.weight_decay,
+            fused=True,
+        )
+        self._replay = Replay(config.replay_size, setting.num_envs)
+        self._accuracies: deque[float] = deque(maxlen=config.ready_trainings)
+        self._ready = False
+        self._steps = 0  # env steps seen
+        self._trained_at = 0  # env steps seen when training was last due
+        self._fresh_rows = 0  # rows of the replay that have come in since
+
+    @property
+    def ready(self) -> bool:
+        """Whether the mean accuracy of so many trainings was once high enough."""
+        return self._ready
+
+    def judge(self, states: Tensor) -> Judge:
+        """Look at D states `[D, ...]` once, and return what judges pairs of them."""
+        with torch.inference_mode():
+            projections = self.network.project(states)
+
+        def judge(earlier: Tensor, later: Tensor) -> Tensor:
+            with torch.inference_mode():
+                logits = self.network.judge(projections.earlier[earlier], projections.later[later])
+                return logits.sigmoid()
+
+        return judge
+
+    def update(self, rollout: Rollout) -> dict[str, float]:
+        """Remember the rollout, and train where a training is due."""
+        self._replay.append(rollout.observations, rollout.ended | (rollout.rewards != 0))
+        self._steps += rollout.num_steps
+        self._fresh_rows += len(rollout.rewards)
+        half_full = 2 * self._replay.rows > self._replay.capacity
+        if not half_full or self._steps - self._trained_at < self._interval():
+            return {}
+        accuracy = self._accuracy()
+        triplets = self._draw()
+        self._trained_at, self._fresh_rows = self._steps, 0
+        return {**accuracy, **self._train(triplets), "reachability_ready": float(self._ready)}
+
+    def _interval(self) -> int:
+        """Return the env steps between two trainings at this time."""
+        config = self.config
+        if config.last_from and self._steps > config.last_from:
+            return config.train_every_last
+        if config.later_from and self._steps > config.later_from:
+            return config.train_every_later
+        return config.train_every
+
+    def _draw(self) -> Triplets:
+        """Draw triplets from the whole replay, in random order, and no more than a training takes."""
+        ranges = training_ranges(self.config.k, self.config.negative_bias, self.config.negatives)
+        triplets = walk(self._replay.segments(), ranges, self.config.positive_bias, self._generator)
+        order = torch.randperm(len(triplets.anchors), generator=self._generator)
+        return triplets.take(order[: self.config.max_pairs // 2])
+
+    def _train(self, triplets: Triplets) -> dict[str, float]:
+        """Go through the triplets once; do nothing where they do not fill a batch."""
+        batches = list(self._batches(triplets))
+        if not batches:
+            return {"reachability_triplets": 0.0}
+        self.network.train()
+        steps = torch.stack([self._gradient_step(batch) for batch in batches])
+        self.network.eval()
+        loss, accuracy = steps.mean(dim=0).tolist()
+        self._accuracies.append(accuracy)
+        enough = len(self._accuracies) == self.config.ready_trainings
+        self._ready |= enough and sum(self._accuracies) / len(self._accuracies) > self.config.ready_accuracy
+        return {
+            "reachability_triplets": float(len(triplets.anchors)),
+            "reachability_loss": loss,
+            "reachability_training_accuracy": accuracy,
+        }
+
+    def _batches(self, triplets: Triplets) -> Iterator[Triplets]:
+        """Cut triplets into whole batches; the rest is left out, as a few pairs would upset batch normalisation."""
+        size = self.config.pair_batch // 2
+        for start in range(0, len(triplets.anchors) - size + 1, size):
+            yield triplets.take(torch.arange(start, start + size))
+
+    def _gradient_step(self, batch: Triplets) -> Tensor:
+        """Take one step on a batch, and return its loss and accuracy."""
+        logits, labels = self._logits(batch)
+        smoothing = self.config.label_smoothing
+        loss = binary_cross_entropy_with_logits(logits, labels * (1 - smoothing) + smoothing / 2)
+        self._optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self._optimizer.step()
+        return torch.stack((loss.detach(), _accuracy(logits, labels)))
+
+    def _logits(self, triplets: Triplets) -> tuple[Tensor, Tensor]:
+        """Judge the pairs (anchor, positive) and (anchor, negative): logits and labels, `[2 P]` each."""
+        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        projections = self.network.project(self._replay.take(places))
+        anchors, positives, negatives = indices.to(self._device).chunk(3)
+        earlier, later = projections.earlier[anchors], projections.later[torch.cat((positives, negatives))]
+        logits = self.network.judge(torch.cat((earlier, earlier)), later)
+        return logits, (torch.arange(len(logits), device=logits.device) < len(anchors)).float()
+
+    def _accuracy(self) -> dict[str, float]:
+        """Measure the share of right answers on steps not yet trained on; nothing where they hold no such pairs."""
+        ranges = accuracy_ranges(self.config.k, self.config.tolerance, self.config.negative_bias)
+        triplets = scatter(
+            self._replay.segments(newest=self._fresh_rows), ranges, self.config.accuracy_pairs, self._generator
+        )
+        if not len(triplets.anchors):
+            return {}
+        with torch.inference_mode():
+            return {"reachability_accuracy": float(_accuracy(*self._logits(triplets)))}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the network, how it learns, what it remembers, and whether it is ready."""
+        moments = self._optimizer.state_dict()["state"]
+        return {
+            "network": {name: value.clone() for name, value in self.network.state_dict().items()},
+            "optimizer": {
+                str(index): {name: value.clone() for name, value in moment.items()} for index, moment in moments.items()
+            },
+            "generator": self._generator.get_state(),
+            "replay": self._replay.state_dict(),
+            "accuracies": torch.tensor(list(self._accuracies), dtype=torch.float64),
+            "ready": self._ready,
+            "steps": self._steps,
+            "trained_at": self._trained_at,
+            "fresh_rows": self._fresh_rows,
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state."""
+        self.network.load_state_dict(state["network"])
+        groups = self._optimizer.state_dict()["param_groups"]
+        moments = {int(index): dict(moment) for index, moment in state["optimizer"].items()}
+        self._optimizer.load_state_dict({"state": moments, "param_groups": groups})
+        self._generator.set_state(state["generator"].cpu())
+        self._replay.load_state_dict({name: value.to(self._device) for name, value in state["replay"].items()})
+        self._accuracies.clear()
+        self._accuracies.extend(state["accuracies"].tolist())
+        self._ready = bool(state["ready"])
+        self._steps, self._trained_at = int(state["steps"]), int(state["trained_at"])
+        self._fresh_rows = int(state["fresh_rows"])
+
+
+def _accuracy(logits: Tensor, labels: Tensor) -> Tensor:
+    """Return the share of pairs whose answer, yes where the logit is positive, is right."""
+    return ((logits.detach() > 0) == (labels > 0.5)).float().mean()

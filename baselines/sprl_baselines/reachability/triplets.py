@@ -1,0 +1,94 @@
+"""Which states to learn from: an anchor, one soon after it, one long after it (Algorithm 1).
+
+Every anchor needs a negative, or short episodes would leave positives alone and the network could say yes to all.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from sprl_baselines.reachability.replay import Segments
+
+
+class Triplets(NamedTuple):
+    """P triplets of places in a replay, each `[P]` int64."""
+
+    anchors: Tensor
+    positives: Tensor
+    negatives: Tensor
+
+    def take(self, indices: Tensor) -> Triplets:
+        """Return the triplets at these indices."""
+        return Triplets(*(places[indices] for places in self))
+
+
+class Ranges(NamedTuple):
+    """How many steps after its anchor a positive or a negative may lie, both ends included."""
+
+    positive: tuple[int, int]
+    negative: tuple[int, int]
+
+
+NEGATIVES = ("episode", "narrow", "double")
+UNLIMITED = 2**40
+
+
+def training_ranges(k: int, negative_bias: int, negatives: str) -> Ranges:
+    """Return what training draws from.
+
+    Args:
+        k: Steps within which a state counts as reached.
+        negative_bias: Further steps that part negatives from positives.
+        negatives: How far they may lie: to the end of the "episode" (Algorithm 1); in a "narrow" band of a tenth
+            beyond the least distance (the authors' published code); or in one of "double" the bias (appendix B.1).
+    """
+    least = k + negative_bias
+    furthest = {"episode": UNLIMITED, "narrow": least + least // 10, "double": least + negative_bias}
+    return Ranges((1, k), (least, furthest[negatives]))
+
+
+def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
+    """Return what accuracy is measured on (appendix B.1)."""
+    reach = k + tolerance
+    return Ranges((1, reach), (reach + negative_bias, reach + 2 * negative_bias))
+
+
+def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Triplets:
+    """Draw triplets along all stretches at once; the next anchor lies 1 to `positive_bias` steps after the positive."""
+    starts, lengths = segments
+    anchors, drawn = torch.zeros_like(lengths), []
+    while True:
+        roomy = anchors + ranges.negative[0] < lengths
+        starts, lengths, anchors = starts[roomy], lengths[roomy], anchors[roomy]
+        drawn.append(_around(starts, lengths, anchors, ranges, generator))
+        if not len(anchors):
+            return Triplets(*(torch.cat(places) for places in zip(*drawn, strict=True)))
+        anchors = _uniform(drawn[-1].positives - starts + 1, drawn[-1].positives - starts + positive_bias, generator)
+
+
+def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Triplets:
+    """Draw `count` triplets whose anchors are uniform over all states with room for a negative, if there are any."""
+    room = (segments.lengths - ranges.negative[0]).clamp(min=0)
+    total = int(room.sum())
+    ranks = _uniform(torch.zeros(count if total else 0), torch.full((count if total else 0,), total - 1), generator)
+    rows = torch.searchsorted(room.cumsum(0), ranks, right=True)
+    anchors = ranks - (room.cumsum(0) - room)[rows]
+    return _around(segments.starts[rows], segments.lengths[rows], anchors, ranges, generator)
+
+
+def _around(starts: Tensor, lengths: Tensor, anchors: Tensor, ranges: Ranges, generator: torch.Generator) -> Triplets:
+    """Draw a positive and a negative for each anchor that has room for both."""
+    nearest, furthest = ranges.positive
+    positives = _uniform(anchors + nearest, anchors + furthest, generator)
+    least, most = ranges.negative
+    negatives = _uniform(anchors + least, (anchors + most).clamp(max=lengths - 1), generator)
+    return Triplets(starts + anchors, starts + positives, starts + negatives)
+
+
+def _uniform(low: Tensor, high: Tensor, generator: torch.Generator) -> Tensor:
+    """Draw whole numbers between bounds `[B]`, both included, as int64."""
+    shares = torch.rand(len(low), generator=generator, dtype=torch.float64)
+    return low.long() + (shares * (high - low + 1)).long()
