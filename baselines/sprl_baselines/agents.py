@@ -12,7 +12,6 @@ from gymnasium.vector import VectorEnv
 
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.config import Config, reject_unknown
-from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
 from sprl_baselines.moments import RewardNormalizer
@@ -167,8 +166,6 @@ class LearningAgentFactory(Generic[C]):
         return PPOConfig.pick(values), self.bonus_config.pick(values)
 
 
-eco = LearningAgentFactory("eco", ECO, ECOConfig)
 gt_grid = LearningAgentFactory("gt-grid", GTGrid, GTGridConfig, privileged=GTGrid.privileged)
-gt_sprl = LearningAgentFactory("gt-sprl", GroundTruthSPRL, ConstraintConfig, privileged=GroundTruthSPRL.privileged)
 icm = LearningAgentFactory("icm", ICM, ICMConfig)
 ppo = LearningAgentFactory("ppo", NoBonus, NoBonusConfig)
