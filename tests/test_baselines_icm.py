@@ -209,6 +209,23 @@ def test_the_loss_weighs_forward_and_inverse_and_its_gradient_is_cut() -> None:
         assert bool(inverse[name].any()) == (not name.startswith("forward_model"))
 
 
+@every_kind
+def test_phi_learns_from_all_that_it_enters(observations: Space[Any], actions: Space[Any]) -> None:
+    """Also as the successor that the forward model aims at: the slope of the plain loop's loss along one parameter."""
+    rollout = drawn_rollout(observations, actions)
+    free: dict[str, Any] = {"icm_epochs": 1, "icm_minibatches": 1, "icm_max_grad_norm": 1e9, "icm_loss_weight": 2.0}
+    used, fresh = (icm(observations, actions, forward_share=0.75, **free) for _ in range(2))
+    used.update(rollout)
+    slopes: Any = list(used.network.phi.parameters())[1].grad
+    parameter, place, losses = list(fresh.network.phi.parameters())[1], slopes.abs().argmax(), []
+    for step in (-1e-3, 1e-3):
+        with torch.no_grad():
+            parameter[place] = step  # 0 at first
+        means = plain(fresh, rollout)["means"]
+        losses.append(2 * (0.75 * means["forward_loss"] + 0.25 * means["inverse_loss"]))
+    assert slopes[place] == pytest.approx((losses[1] - losses[0]) / 2e-3, rel=0.02)
+
+
 @pytest.mark.parametrize(("share", "still"), [(1.0, "inverse_model"), (0.0, "forward_model")])
 def test_a_share_of_1_switches_the_inverse_model_off_and_0_the_forward_model(share: float, still: str) -> None:
     bonus = icm(FLAT, CONTINUOUS, forward_share=share)
