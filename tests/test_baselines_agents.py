@@ -17,7 +17,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from torch import Tensor
 
-from sprl_baselines.agents import LearningAgent, LearningAgentFactory, gt_grid, icm, ppo
+from sprl_baselines.agents import LearningAgent, LearningAgentFactory, eco, gt_grid, gt_sprl, icm, ppo, sprl
 from sprl_baselines.bonus import NoBonus, NoBonusConfig
 from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO
@@ -28,15 +28,34 @@ from sprl_bench.agents import Resumable, load_factory, resolve_hyperparameters
 
 GRID = "SPRL/FourRooms-7x7-v1"
 SMALL: dict[str, Any] = {"num_envs": 4, "rollout_length": 32, "epochs": 2, "minibatches": 2}
-FACTORIES: dict[str, Any] = {"gt-grid": gt_grid, "icm": icm, "ppo": ppo, "random": random}
+FACTORIES: dict[str, Any] = {
+    "eco": eco,
+    "gt-grid": gt_grid,
+    "gt-sprl": gt_sprl,
+    "icm": icm,
+    "ppo": ppo,
+    "random": random,
+    "sprl": sprl,
+}
+LEARNED: dict[str, Any] = {
+    **SMALL,
+    "replay_size": 240,
+    "train_every": 128,
+    "pair_batch": 8,
+    "ready_trainings": 1,
+    "ready_accuracy": 0.0,
+}
 QUICK: dict[str, dict[str, Any]] = {
+    "eco": LEARNED,
     "gt-grid": SMALL,
+    "gt-sprl": SMALL,
     "icm": {**SMALL, "icm_epochs": 2, "icm_minibatches": 2},
     "ppo": SMALL,
     "random": {"num_envs": 4},
+    "sprl": LEARNED,
 }
-STEPS_PER_UPDATE = {"gt-grid": 4 * 32, "icm": 4 * 32, "ppo": 4 * 32, "random": 4 * 256}
-PRIVILEGED = {"gt-grid"}
+STEPS_PER_UPDATE = {name: 4 * (256 if name == "random" else 32) for name in FACTORIES}
+PRIVILEGED = {"gt-grid", "gt-sprl"}
 every_agent = pytest.mark.parametrize("name", sorted(FACTORIES))
 
 
@@ -126,6 +145,32 @@ def test_a_closed_run_leaves_a_usable_state(name: str) -> None:
     next(run)
     run.close()
     assert agent.state_dict()["steps"] == STEPS_PER_UPDATE[name]
+
+
+@pytest.mark.parametrize("env_id", [GRID, "Pendulum-v1"])
+def test_a_restored_policy_acts_as_it_did_in_training(env_id: str) -> None:
+    """From the same observations, drawn by the same generator: from a whole state and from the weights alone."""
+    envs = gymnasium.make_vec(
+        env_id, num_envs=4, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"}
+    )
+    envs.reset(seed=0)
+    agent = ppo(seed=3, **SMALL, mlp_layers=1, mlp_units=8)
+    next(agent.train(envs, 1000))
+    spaces_ = envs.single_observation_space, envs.single_action_space
+    played = []
+    for state in (agent.state_dict(), agent.weights()):
+        other = ppo(seed=3, **SMALL, mlp_layers=1, mlp_units=8)
+        other.load_state_dict(state)
+        policy = other.policy(*spaces_)
+        fresh = PPO(*spaces_, agent.config, 3, torch.device("cpu"))
+        fresh.network.load_state_dict(agent.learner.network.state_dict())
+        for observation in envs.reset(seed=1)[0]:
+            action = policy(observation)
+            assert spaces_[1].contains(action)
+            drawn = fresh.act(torch.from_numpy(observation[None])).actions[0].detach().numpy()
+            assert np.array_equal(action, drawn if env_id == GRID else drawn.clip(-2, 2))
+            played.append(action)
+    assert len(np.unique(played, axis=0)) > 1
 
 
 def test_there_is_no_state_before_training() -> None:
@@ -229,37 +274,6 @@ def test_a_wrong_hyperparameter_is_refused_when_resolved_and_when_made(name: str
             factory.hyperparameters("grid", wrong)
         with pytest.raises(ValueError, match=complaint):
             factory(seed=0, **wrong)
-
-
-def test_the_grid_preset_is_table_1() -> None:
-    resolved = ppo.hyperparameters("grid", {})
-    assert (resolved["learning_rate"], resolved["entropy_coefficient"]) == (0.003, 0.01)
-    assert ppo.hyperparameters("grid", {"preset": "table"}) == resolved
-
-
-def test_the_fetch_preset_is_table_5() -> None:
-    resolved = ppo.hyperparameters("fetch", {})
-    assert (resolved["learning_rate"], resolved["entropy_coefficient"]) == (0.0005, 0.01)
-    assert (resolved["action_noise"], resolved["reward_normalization"]) == (0.003, "extrinsic")
-    assert (resolved["mlp_layers"], resolved["mlp_units"]) == (4, 256)
-
-
-def test_icm_has_its_presets_of_tables_1_and_5() -> None:
-    names = ("learning_rate", "entropy_coefficient", "forward_share", "icm_loss_weight", "bonus_weight")
-    own = "icm_learning_rate"
-    grid, fetch = (icm.hyperparameters(domain, {}) for domain in ("grid", "fetch"))
-    assert [grid[name] for name in names] == [0.003, 0.01, 0.8, 0.3, 0.1]
-    assert [fetch[name] for name in names] == [0.0005, 0.001, 1.0, 1.0, 0.001]
-    assert (grid[own], fetch[own]) == (0.003, 0.0005)
-    assert (fetch["action_noise"], fetch["reward_normalization"]) == (0.003, "extrinsic")
-
-
-def test_gt_grid_has_its_preset_of_table_1_and_none_for_fetch() -> None:
-    resolved = gt_grid.hyperparameters("grid", {})
-    names = ("learning_rate", "entropy_coefficient", "bonus_weight", "visit_key")
-    assert [resolved[name] for name in names] == [0.003, 0.01, 0.01, "position"]
-    with pytest.raises(ValueError, match=r"^Agent 'gt-grid' has no fetch preset 'table'; there is one for .*ppo.*\.$"):
-        gt_grid.hyperparameters("fetch", {})
 
 
 def test_an_agent_that_no_preset_names_keeps_its_defaults() -> None:

@@ -21,6 +21,9 @@ CPU = torch.device("cpu")
 NUM_ENVS, LENGTH = 4, 150  # long enough for every sub-env to reach the time limit once
 Maker = Callable[[Setting], Bonus]
 
+# A network that may be trusted after one rollout, where a bonus has one: a bonus that pays nothing could break no rule.
+ALREADY_PAYING = {"replay_size": 1000, "train_every": 1, "pair_batch": 16, "ready_trainings": 1, "ready_accuracy": 0.0}
+
 
 class FirstVisits:
     """Pays 1 for each cell that is new in its episode: the smallest bonus with an episodic memory."""
@@ -60,7 +63,7 @@ class Forgetful(FirstVisits):
 def _makers() -> dict[str, Maker]:
     factories = [value for value in vars(agents).values() if isinstance(value, agents.LearningAgentFactory)]
     makers: dict[str, Maker] = {
-        factory.name: lambda setting, factory=factory: factory.bonus(setting, factory.bonus_config())
+        factory.name: lambda setting, factory=factory: factory.bonus(setting, factory.bonus_config.pick(ALREADY_PAYING))
         for factory in factories
     }
     return {**makers, "made-up": lambda setting: FirstVisits(setting, NoBonusConfig())}
@@ -203,6 +206,11 @@ def test_privilege_is_the_same_for_an_agent_and_its_bonus() -> None:
     for value in vars(agents).values():
         if isinstance(value, agents.LearningAgentFactory):
             assert value.privileged == make(value.name).privileged
+
+
+@pytest.mark.parametrize("name", sorted(set(MAKERS) - {"ppo"}))
+def test_after_one_rollout_there_is_something_to_break(name: str, stream: list[Rollout]) -> None:
+    assert used(name, stream[0]).reward(stream[1]).unique().numel() > 1
 
 
 def test_no_bonus_is_nothing(stream: list[Rollout]) -> None:

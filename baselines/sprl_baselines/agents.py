@@ -8,16 +8,19 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
+from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.config import Config, reject_unknown
+from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
 from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
-from sprl_baselines.rollout import Collector, Rollout
+from sprl_baselines.rollout import Collector, Rollout, clipping
+from sprl_baselines.sprl import SPRL, ConstraintConfig, GroundTruthSPRL, SPRLConfig
 
 C = TypeVar("C", bound=Config)
 Envs = VectorEnv[Any, Any, Any]
@@ -124,8 +127,25 @@ class LearningAgent:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Let the next `train` go on from this state."""
+        """Let the next `train` go on from this state, or `policy` act by it."""
         self._saved = state
+
+    def weights(self) -> dict[str, Any]:
+        """Return the network's parameters, from where `policy` finds them in a whole state too."""
+        return {"learner": {"network": self.state_dict()["learner"]["network"]}}
+
+    def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], Any]:
+        """Return how the agent acts in a single environment by the state it was given: by chance, as in training."""
+        learner = PPO(observation_space, action_space, self.config, self._seed, self._device)
+        learner.network.load_state_dict(self._saved["learner"]["network"])
+        clipped = clipping(action_space)
+
+        def act(observation: Any) -> Any:
+            with torch.inference_mode():
+                action = learner.act(torch.from_numpy(observation[None]).to(self._device)).actions[0].cpu().numpy()
+            return clipped(action)
+
+        return act
 
 
 @dataclass(frozen=True)
@@ -166,6 +186,9 @@ class LearningAgentFactory(Generic[C]):
         return PPOConfig.pick(values), self.bonus_config.pick(values)
 
 
+eco = LearningAgentFactory("eco", ECO, ECOConfig)
 gt_grid = LearningAgentFactory("gt-grid", GTGrid, GTGridConfig, privileged=GTGrid.privileged)
+gt_sprl = LearningAgentFactory("gt-sprl", GroundTruthSPRL, ConstraintConfig, privileged=GroundTruthSPRL.privileged)
 icm = LearningAgentFactory("icm", ICM, ICMConfig)
 ppo = LearningAgentFactory("ppo", NoBonus, NoBonusConfig)
+sprl = LearningAgentFactory("sprl", SPRL, SPRLConfig)

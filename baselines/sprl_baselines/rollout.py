@@ -99,7 +99,7 @@ class Collector:
             raise ValueError(f"Hyperparameter action_noise={action_noise} must be 0 where actions are in {space}.")
         self._envs, self._length, self._device = envs, length, device
         self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
-        self._clipped = _clipping(space)
+        self._clipped = clipping(space)
         self._observations: Array = np.empty(0)  # [N, ...]
         self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
 
@@ -191,7 +191,7 @@ class _Tape:
         )
 
 
-def _clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
+def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
     """Return what turns actions into ones that the env accepts: continuous ones are clipped to their box."""
     if isinstance(space, gymnasium.spaces.Box):
         low, high = space.low, space.high

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sprl_baselines.presets import fetch, grid
+from sprl_baselines.presets import atari, dmlab, fetch, grid
 from sprl_bench.suggestions import unknown
 
-DOMAINS = {"fetch": fetch.PRESETS, "grid": grid.PRESETS}
+DOMAINS = {"atari": atari.PRESETS, "dmlab": dmlab.PRESETS, "fetch": fetch.PRESETS, "grid": grid.PRESETS}
 
 
 def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:

@@ -7,16 +7,27 @@ from typing import Any
 
 # Table 5's final values, and G.3's normalisation of rewards. The table has no GT-Grid, as there are no cells.
 COMMON: Mapping[str, Any] = {"learning_rate": 0.0005, "action_noise": 0.003, "reward_normalization": "extrinsic"}
+EXPLORING: Mapping[str, Any] = {**COMMON, "entropy_coefficient": 0.001}
+NETWORK: Mapping[str, Any] = {
+    "k": 10,
+    "negative_bias": 12,
+    "bias": 1.0,
+    "replay_size": 30_000,  # appendix B.1
+    "accuracy_pairs": 7_500,  # appendix B.1
+    "head_layers": 4,  # appendix G.4
+    "head_units": 512,  # appendix G.4
+}
 TABLE: Mapping[str, Mapping[str, Any]] = {
+    "eco": {**EXPLORING, **NETWORK, "bonus_weight": 0.0001},
     "icm": {
-        **COMMON,
-        "entropy_coefficient": 0.001,
+        **EXPLORING,
         "bonus_weight": 0.001,
         "forward_share": 1.0,
         "icm_loss_weight": 1.0,
         "icm_learning_rate": 0.0005,
     },
     "ppo": {**COMMON, "entropy_coefficient": 0.01},
+    "sprl": {**EXPLORING, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 20},
 }
 
 PRESETS = {"table": TABLE}

@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-# Table 1's final values are the defaults.
-TABLE: Mapping[str, Mapping[str, Any]] = {"gt-grid": {}, "icm": {}, "ppo": {}}
+# Table 1's final values are the defaults, but for SPRL's learning rate.
+SPRL: Mapping[str, Any] = {"learning_rate": 0.01}
+TABLE: Mapping[str, Mapping[str, Any]] = {
+    "eco": {},
+    "gt-grid": {},
+    "gt-sprl": SPRL,
+    "icm": {},
+    "ppo": {},
+    "sprl": SPRL,
+}
 
-PRESETS = {"table": TABLE}
+# What appendix A.1 and A.2 found best, against Table 1: a single stretch, k + 25 steps long.
+LONGER: Mapping[str, Any] = {**SPRL, "k": 5, "tolerance": 25, "tolerance_samples": 1}
+ABLATION: Mapping[str, Mapping[str, Any]] = {"gt-sprl": LONGER, "sprl": LONGER}
+
+PRESETS = {"ablation": ABLATION, "table": TABLE}

@@ -1,0 +1,27 @@
+"""Settings for Atari (appendix F), for whoever brings the environments and a network for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+COMMON: Mapping[str, Any] = {"learning_rate": 0.0005}  # Table 4
+NETWORK: Mapping[str, Any] = {
+    "k": 12,
+    "negative_bias": 80,
+    "replay_size": 30_000,
+    "later_from": 1_000_000,  # appendix F.3, as all that follows
+    "train_every_later": 150_000,
+    "weight_decay": 0.03,
+    "label_smoothing": 0.1,
+    "pair_input": "difference",
+    "accuracy_pairs": 7_500,  # appendix B.1
+}
+TABLE: Mapping[str, Mapping[str, Any]] = {
+    "eco": {**COMMON, **NETWORK, "bonus_weight": 0.001},
+    "icm": {**COMMON, "bonus_weight": 0.01, "forward_share": 1.0, "icm_loss_weight": 1.0, "icm_learning_rate": 0.0005},
+    "ppo": COMMON,
+    "sprl": {**COMMON, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 200},
+}
+
+PRESETS = {"table": TABLE}

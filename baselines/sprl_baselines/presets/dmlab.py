@@ -1,0 +1,41 @@
+"""Settings for DeepMind Lab, for whoever brings the environments and a network for them.
+
+SPRL's are Table 2's; those of the others, which appendix E.4 takes from Savinov et al. (2019), and all of PPO's frame are
+in the settings that the authors published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+FRAME: Mapping[str, Any] = {"clip_range": 0.1, "anneal_clip_range": True, "anneal_learning_rate": True}
+SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
+NETWORK: Mapping[str, Any] = {
+    "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M, 12K for another, then 36K
+    "last_from": 2_000_000,
+}
+TABLE: Mapping[str, Mapping[str, Any]] = {
+    "eco": {**SAVINOV, **NETWORK, "entropy_coefficient": 0.0021, "k": 5, "bonus_weight": 0.03},
+    "gt-grid": {**SAVINOV, "entropy_coefficient": 0.0066, "bonus_weight": 0.05247},
+    "icm": {
+        **SAVINOV,
+        "entropy_coefficient": 0.0042,
+        "bonus_weight": 0.55,
+        "forward_share": 0.96,
+        "icm_loss_weight": 64.0,
+        "icm_learning_rate": 0.00025,
+    },
+    "ppo": {**FRAME, "learning_rate": 0.00019, "entropy_coefficient": 0.0011},
+    "sprl": {
+        **FRAME,
+        **NETWORK,
+        "learning_rate": 0.0003,
+        "entropy_coefficient": 0.004,
+        "k": 10,
+        "cost_scale": 0.06,
+        "tolerance_samples": 200,
+    },
+}
+
+PRESETS = {"table": TABLE}
