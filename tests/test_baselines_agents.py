@@ -243,6 +243,29 @@ def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
     assert all(np.isfinite(value) for report in reports for value in report.values())
 
 
+@pytest.mark.parametrize("name", ["eco", "gt-grid", "gt-sprl", "icm", "ppo", "sprl"])
+def test_every_agent_can_see_earlier_observations_too(name: str) -> None:
+    """The policy does; what its bonus sees is checked against the true successors of the newest ones."""
+    agent = FACTORIES[name](seed=0, **QUICK[name], stack=2)
+    reports = list(agent.train(grid_envs(), 3 * STEPS_PER_UPDATE[name]))
+    assert agent.learner.network.policy_trunk[1].weight.shape[1] == 9
+    assert all(np.isfinite(value) for report in reports for value in report.values())
+    with pytest.raises(ValueError, match="stack=2 acts on more than one observation"):
+        agent.policy(spaces.Discrete(2), spaces.Discrete(2))
+
+
+def test_a_bonus_sees_each_observation_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    shapes = []
+
+    class Looking(OneEach):
+        def reward(self, rollout: Rollout) -> Tensor:
+            shapes.append(tuple(rollout.observations.shape[2:]))
+            return super().reward(rollout)
+
+    next(LearningAgentFactory("looking", Looking, NoBonusConfig)(seed=0, **SMALL, stack=3).train(grid_envs(), 128))
+    assert shapes == [(7, 7, 3)]
+
+
 # ----------------------------------------------------------------------------------------- factories
 
 

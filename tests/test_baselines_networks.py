@@ -114,7 +114,7 @@ def test_scaled_cells() -> None:
 
 def test_one_hot_cells() -> None:
     hot = OneHotCells()(torch.tensor([[[[10, 5, 3], [2, 0, 1]]]], dtype=torch.uint8))
-    assert hot.shape == (1, OneHotCells.channels, 1, 2)
+    assert hot.shape == (1, OneHotCells().channels, 1, 2)
     assert hot[0, :, 0, 0].nonzero().flatten().tolist() == [10, 11 + 5, 17 + 3]
     assert hot[0, :, 0, 1].nonzero().flatten().tolist() == [2, 11 + 0, 17 + 1]
 

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import sprl_bench  # noqa: F401 - registers the ids
-from sprl_baselines.rollout import Collector, Decision
+from sprl_baselines.rollout import Collector, Decision, stacked
 
 CPU = torch.device("cpu")
 
@@ -212,6 +212,42 @@ def test_action_noise_is_a_function_of_its_seed_and_goes_on_where_it_was_saved()
 def test_action_noise_is_refused_where_actions_are_not_continuous() -> None:
     with pytest.raises(ValueError, match=r"action_noise=0.1 must be 0 where actions are in Discrete\(2\)"):
         Collector(vector(*SCRIPTS), 4, CPU, action_noise=0.1)
+
+
+def test_earlier_observations_of_the_same_episode_are_joined_oldest_first() -> None:
+    made = Collector(vector(*SCRIPTS), 6, CPU, stack=2)
+    made.reset()
+    seen: list[list[list[float]]] = []
+
+    def act(observations: torch.Tensor) -> Decision:
+        seen.append(observations.tolist())
+        return Decision(torch.zeros(2, dtype=torch.int64), torch.zeros(2), torch.zeros(2))
+
+    rollout = made.collect(act)
+    assert rollout.observations[:, 0].tolist() == [
+        [0, 0, 0],
+        [0, 0, 1],
+        [0, 1, 2],
+        [100, 100, 100],
+        [100, 100, 101],
+        [200, 200, 200],
+    ]
+    assert rollout.final_observations.tolist() == [[1, 2, 3], [2, 3, 4], [100, 101, 102]]
+    assert rollout.last_observations.tolist() == [[200, 200, 201], [100, 101, 102]]
+    assert rollout.observations.tolist() == seen
+    alone, plain = rollout.newest(2), collector().collect(numbered_policy())
+    for name in ("observations", "last_observations", "final_observations", "next_observations"):
+        assert torch.equal(getattr(alone, name), getattr(plain, name)), name
+    assert plain.newest(0) is plain
+
+
+def test_joined_observations_have_a_space_of_their_own() -> None:
+    space = spaces.Box(np.float32([-1, 0]), np.float32([1, 5]))
+    assert stacked(space, 0) is space
+    assert stacked(space, 1) == spaces.Box(np.float32([-1, 0, -1, 0]), np.float32([1, 5, 1, 5]))
+    assert stacked(spaces.Box(0, 255, (7, 7, 3), np.uint8), 4) == spaces.Box(0, 255, (7, 7, 15), np.uint8)
+    with pytest.raises(ValueError, match=r"stack=1 must be 0 where observations are in Discrete\(3\)"):
+        stacked(spaces.Discrete(3), 1)
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])

@@ -19,7 +19,7 @@ from sprl_baselines.icm import ICM, ICMConfig
 from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
-from sprl_baselines.rollout import Collector, Rollout, clipping
+from sprl_baselines.rollout import Collector, Rollout, clipping, stacked
 from sprl_baselines.sprl import SPRL, ConstraintConfig, GroundTruthSPRL, SPRLConfig
 
 C = TypeVar("C", bound=Config)
@@ -63,9 +63,10 @@ class LearningAgent:
     def _improve(self, remaining: float) -> dict[str, float]:
         """Collect one rollout and learn from it."""
         rollout = self._collector.collect(self.learner.act)
-        bonus = self.bonus.reward(rollout)
+        newest = rollout.newest(self.config.stack)
+        bonus = self.bonus.reward(newest)
         learner_metrics = self.learner.update(rollout, self._training_rewards(rollout, bonus), remaining)
-        bonus_metrics = self.bonus.update(rollout)
+        bonus_metrics = self.bonus.update(newest)
         self._steps += rollout.num_steps
         own_metrics = {"bonus": float(bonus.mean()), "reward_deviation": self._normalizer.deviation}
         return {**own_metrics, **learner_metrics, **bonus_metrics}
@@ -87,7 +88,7 @@ class LearningAgent:
             )
         spaces = envs.single_observation_space, envs.single_action_space
         learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
-        self.learner = PPO(*spaces, self.config, learner_seed, self._device)
+        self.learner = PPO(stacked(spaces[0], self.config.stack), spaces[1], self.config, learner_seed, self._device)
         self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device))
         self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self._device)
         self._collector = Collector(
@@ -96,6 +97,7 @@ class LearningAgent:
             self._device,
             action_noise=self.config.action_noise,
             seed=noise_seed,
+            stack=self.config.stack,
         )
         self._steps = 0
         if self._saved:
@@ -135,7 +137,13 @@ class LearningAgent:
         return {"learner": {"network": self.state_dict()["learner"]["network"]}}
 
     def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], Any]:
-        """Return how the agent acts in a single environment by the state it was given: by chance, as in training."""
+        """Return how the agent acts in a single environment by the state it was given: by chance, as in training.
+
+        Raises:
+            ValueError: The agent acts on more than one observation.
+        """
+        if self.config.stack:
+            raise ValueError(f"An agent with stack={self.config.stack} acts on more than one observation at a time.")
         learner = PPO(observation_space, action_space, self.config, self._seed, self._device)
         learner.network.load_state_dict(self._saved["learner"]["network"])
         clipped = clipping(action_space)

@@ -197,10 +197,11 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
     """
     match space:
         case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
-            inputs = (ScaledCells.channels, CHANNELS, CHANNELS, CHANNELS)
+            cells = ScaledCells()
+            inputs = (cells.channels, CHANNELS, CHANNELS, CHANNELS)
             layers = [layer for count in inputs for layer in (convolution(count, generator), nn.ELU(inplace=True))]
-            features = CHANNELS * prod(ceil(cells / 2 ** len(inputs)) for cells in (height, width))
-            return nn.Sequential(ScaledCells(), *layers, FlattenCells()), features
+            features = CHANNELS * prod(ceil(side / 2 ** len(inputs)) for side in (height, width))
+            return nn.Sequential(cells, *layers, FlattenCells()), features
         case spaces.Box(shape=(size,)):
             return mlp_trunk(size, 4, size, generator), size
         case _:

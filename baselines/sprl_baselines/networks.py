@@ -70,7 +70,8 @@ def actor_critic(
     """The network for these spaces (of one sub-environment).
 
     Args:
-        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid), or a flat `Box`.
+        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
+            flat `Box`.
         action_space: `Discrete`, or a flat `Box`.
         generator: source of the initial parameters, on the CPU.
         grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
@@ -81,8 +82,10 @@ def actor_critic(
         ValueError: if there is no network for such spaces.
     """
     match observation_space:
-        case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
-            policy_trunk = value_trunk = grid_trunk(height, width, grid_encoding, generator)
+        case spaces.Box(shape=(height, width, channels), dtype=np.uint8) if channels % len(LARGEST_CODES) == 0:
+            policy_trunk = value_trunk = grid_trunk(
+                height, width, grid_encoding, generator, frames=channels // len(LARGEST_CODES)
+            )
             features = GRID_FEATURES
         case spaces.Box(shape=(size,)):
             policy_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
@@ -146,17 +149,17 @@ def policy_head(features: int, action_space: spaces.Space[Any], generator: torch
 GRID_FEATURES = 512
 
 
-def grid_trunk(height: int, width: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
-    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3]` uint8 -> `[B, 512]`."""
-    convolutions, features = grid_convolutions(height, width, encoding, generator)
+def grid_trunk(height: int, width: int, encoding: str, generator: torch.Generator, frames: int = 1) -> nn.Sequential:
+    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 512]`."""
+    convolutions, features = grid_convolutions(height, width, encoding, generator, frames)
     return nn.Sequential(*convolutions, linear(features, GRID_FEATURES, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
 
 
 def grid_convolutions(
-    height: int, width: int, encoding: str, generator: torch.Generator
+    height: int, width: int, encoding: str, generator: torch.Generator, frames: int = 1
 ) -> tuple[list[nn.Module], int]:
     """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
-    cells = GRID_ENCODINGS[encoding]()
+    cells = GRID_ENCODINGS[encoding](frames)
     layers: list[nn.Module] = [
         cells,
         CReLUConvolution(cells.channels, 16, generator),
@@ -187,29 +190,31 @@ class ToFloat(nn.Module):
 
 
 class ScaledCells(nn.Module):
-    """Grid cells with each of type, colour and state divided by its largest value."""
+    """Grid cells with each of type, colour and state divided by its largest value; of several frames, one by one."""
 
-    channels = 3
-
-    def __init__(self) -> None:
+    def __init__(self, frames: int = 1) -> None:
         super().__init__()
+        self.channels = len(LARGEST_CODES) * frames
         self.scale: Tensor
-        self.register_buffer("scale", 1 / torch.tensor(LARGEST_CODES), persistent=False)
+        self.register_buffer("scale", 1 / torch.tensor(LARGEST_CODES * frames), persistent=False)
 
     def forward(self, cells: Tensor) -> Tensor:
-        """`[B, H, W, 3]` uint8 -> `[B, 3, H, W]` float32, in channels-last memory."""
+        """`[B, H, W, 3 F]` uint8 -> `[B, 3 F, H, W]` float32, in channels-last memory."""
         return (cells * self.scale).permute(0, 3, 1, 2)
 
 
 class OneHotCells(nn.Module):
-    """Grid cells with each of type, colour and state as indicators."""
+    """Grid cells with each of type, colour and state as indicators; of several frames, one by one."""
 
-    channels = sum(LARGEST_CODES) + len(LARGEST_CODES)
+    def __init__(self, frames: int = 1) -> None:
+        super().__init__()
+        self.largest_codes = LARGEST_CODES * frames
+        self.channels = sum(self.largest_codes) + len(self.largest_codes)
 
     def forward(self, cells: Tensor) -> Tensor:
-        """`[B, H, W, 3]` uint8 -> `[B, 21, H, W]` float32, in channels-last memory."""
+        """`[B, H, W, 3 F]` uint8 -> `[B, 21 F, H, W]` float32, in channels-last memory."""
         codes = cells.long().unbind(-1)
-        hot = [functional.one_hot(code, top + 1) for code, top in zip(codes, LARGEST_CODES, strict=True)]
+        hot = [functional.one_hot(code, top + 1) for code, top in zip(codes, self.largest_codes, strict=True)]
         return torch.cat(hot, dim=-1).float().permute(0, 3, 1, 2)
 
 

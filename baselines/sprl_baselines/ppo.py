@@ -16,7 +16,7 @@ from gymnasium import Space
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from sprl_baselines.config import Choice, Config, Count, Positive, Share, Weight
+from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, Weight
 from sprl_baselines.distinct import distinct
 from sprl_baselines.distributions import Distribution
 from sprl_baselines.networks import GRID_ENCODINGS, actor_critic
@@ -49,6 +49,7 @@ class PPOConfig(Config):
         "none"  # divide the env's reward, alone or joint with the bonus, by its sums' running deviation (G.3)
     )
     action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
+    stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
     grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = (
         "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
     )

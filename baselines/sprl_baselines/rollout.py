@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -49,6 +49,14 @@ class Rollout:
         following[self.ended] = self.final_observations
         return following
 
+    def newest(self, stack: int) -> Rollout:
+        """Return the same steps with each observation alone, where `stack` earlier ones were joined to it."""
+        if stack == 0:
+            return self
+        joined = ("observations", "last_observations", "final_observations")
+        size = self.observations.shape[-1] // (stack + 1)
+        return replace(self, **{name: getattr(self, name)[..., -size:] for name in joined})
+
     @property
     def num_steps(self) -> int:
         """Env steps in all, T x N."""
@@ -77,6 +85,8 @@ class Collector:
         action_noise: Standard deviation of what is added to every component of an action before it is clipped and
             executed; a rollout keeps actions as the policy drew them.
         seed: Source of that noise.
+        stack: Earlier observations of the episode that are joined to each, oldest first, along the last axis (appendix
+            A.3); at the start of an episode its first one stands for those before it.
 
     Raises:
         ValueError: The envs reset in another way, or there is noise and actions are not continuous.
@@ -90,6 +100,7 @@ class Collector:
         *,
         action_noise: float = 0.0,
         seed: int = 0,
+        stack: int = 0,
     ) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
@@ -100,12 +111,14 @@ class Collector:
         self._envs, self._length, self._device = envs, length, device
         self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
         self._clipped = clipping(space)
+        self._stack = stack
         self._observations: Array = np.empty(0)  # [N, ...]
         self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
 
     def reset(self) -> None:
         """Start new episodes everywhere, with the seeds that the envs already hold."""
-        self._observations, infos = self._envs.reset()
+        first, infos = self._envs.reset()
+        self._observations = self._alone(first)
         self._positions = self._position(infos)
 
     def collect(self, policy: Policy) -> Rollout:
@@ -124,11 +137,21 @@ class Collector:
         following, rewards, terminated, truncated, infos = self._envs.step(actions)
         tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
         tape.decisions.append(decision)
-        self._observations, self._positions = following, self._position(infos)
-        ended = terminated | truncated
+        before, ended = seen[0], terminated | truncated
+        self._observations, self._positions = self._joined(before, following), self._position(infos)
         if ended.any():
-            tape.final_observations.extend(infos["final_obs"][ended])
+            self._observations[ended] = self._alone(following[ended])
+            final = np.stack(infos["final_obs"][ended])
+            tape.final_observations.extend(self._joined(before[ended], final))
             tape.final_positions.extend(self._position(infos["final_info"])[ended])
+
+    def _joined(self, before: Array, following: Array) -> Array:
+        """Join what follows to the newest of what was joined before, `[B, ...]`; a copy."""
+        return np.concatenate((before[..., following.shape[-1] :], following), axis=-1)
+
+    def _alone(self, first: Array) -> Array:
+        """Join the first observations of episodes to themselves, `[B, ...]`; a copy."""
+        return np.tile(first, self._stack + 1)
 
     def _perturbed(self, actions: Tensor) -> Tensor:
         """Add the action noise."""
@@ -197,3 +220,17 @@ def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
         low, high = space.low, space.high
         return lambda actions: np.clip(actions, low, high)
     return lambda actions: actions
+
+
+def stacked(space: gymnasium.Space[Any], stack: int) -> gymnasium.Space[Any]:
+    """Return the space of observations to which `stack` earlier ones are joined.
+
+    Raises:
+        ValueError: The observations are no arrays, so there is nothing to join them along.
+    """
+    if stack == 0:
+        return space
+    if not isinstance(space, gymnasium.spaces.Box):
+        raise ValueError(f"Hyperparameter stack={stack} must be 0 where observations are in {space}.")
+    low, high = (np.tile(bound, stack + 1) for bound in (space.low, space.high))
+    return gymnasium.spaces.Box(low, high, dtype=space.dtype.type)

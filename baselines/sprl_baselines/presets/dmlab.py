@@ -1,7 +1,7 @@
 """Settings for DeepMind Lab, for whoever brings the environments and a network for them.
 
-SPRL's are Table 2's; those of the others, which appendix E.4 takes from Savinov et al. (2019), and all of PPO's frame are
-in the settings that the authors published.
+SPRL's are Table 2's. Those of the others, which appendix E.4 takes from Savinov et al. (2019), and PPO's frame are in
+the settings that the authors published.
 """
 
 from __future__ import annotations
