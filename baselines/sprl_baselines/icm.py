@@ -20,12 +20,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_, skip_init
 
-from sprl_baselines import learned
 from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Config, Count, Positive, Share, Weight
 from sprl_baselines.distinct import distinct
 from sprl_baselines.networks import HIDDEN_GAIN, FlattenCells, ScaledCells, linear, mlp_trunk
 from sprl_baselines.rollout import Rollout
+from sprl_baselines.training_state import restore, saved
 
 ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
 CHANNELS = 32
@@ -115,11 +115,11 @@ class ICM:
 
     def state_dict(self) -> Mapping[str, Any]:
         """Return parameters, optimizer moments and the generator's state, copied."""
-        return learned.saved(self.network, self._optimizer, self._generator)
+        return saved(self.network, self._optimizer, self._generator)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such a state."""
-        learned.restore(self.network, self._optimizer, self._generator, state)
+        restore(self.network, self._optimizer, self._generator, state)
 
 
 @dataclass(frozen=True)

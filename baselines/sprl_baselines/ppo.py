@@ -22,6 +22,7 @@ from sprl_baselines.distributions import Distribution
 from sprl_baselines.networks import GRID_ENCODINGS, actor_critic
 from sprl_baselines.returns import generalized_advantages, successor_values
 from sprl_baselines.rollout import Decision, Rollout
+from sprl_baselines.training_state import restore, saved
 
 
 @dataclass(frozen=True)
@@ -197,22 +198,11 @@ class PPO:
 
     def state_dict(self) -> dict[str, Any]:
         """Return parameters, optimizer moments and the generator's state, copied."""
-        moments = self._optimizer.state_dict()["state"]
-        return {
-            "network": {name: value.clone() for name, value in self.network.state_dict().items()},
-            "optimizer": {
-                str(index): {name: value.clone() for name, value in moment.items()} for index, moment in moments.items()
-            },
-            "generator": self._generator.get_state(),
-        }
+        return saved(self.network, self._optimizer, self._generator)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such a state."""
-        self.network.load_state_dict(state["network"])
-        groups = self._optimizer.state_dict()["param_groups"]
-        moments = {int(index): dict(moment) for index, moment in state["optimizer"].items()}
-        self._optimizer.load_state_dict({"state": moments, "param_groups": groups})
-        self._generator.set_state(state["generator"].cpu())
+        restore(self.network, self._optimizer, self._generator, state)
 
 
 @dataclass(frozen=True)

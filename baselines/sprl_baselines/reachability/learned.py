@@ -19,6 +19,7 @@ from sprl_baselines.reachability.pairs import Judge
 from sprl_baselines.reachability.replay import Replay
 from sprl_baselines.reachability.triplets import NEGATIVES, Triplets, accuracy_ranges, scatter, training_ranges, walk
 from sprl_baselines.rollout import Rollout
+from sprl_baselines.training_state import restore, saved
 
 
 @dataclass(frozen=True)
@@ -189,13 +190,8 @@ class LearnedReachability:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the network, how it learns, what it remembers, and whether it is ready."""
-        moments = self._optimizer.state_dict()["state"]
         return {
-            "network": {name: value.clone() for name, value in self.network.state_dict().items()},
-            "optimizer": {
-                str(index): {name: value.clone() for name, value in moment.items()} for index, moment in moments.items()
-            },
-            "generator": self._generator.get_state(),
+            **saved(self.network, self._optimizer, self._generator),
             "replay": self._replay.state_dict(),
             "accuracies": torch.tensor(list(self._accuracies), dtype=torch.float64),
             "ready": self._ready,
@@ -206,11 +202,7 @@ class LearnedReachability:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such a state."""
-        self.network.load_state_dict(state["network"])
-        groups = self._optimizer.state_dict()["param_groups"]
-        moments = {int(index): dict(moment) for index, moment in state["optimizer"].items()}
-        self._optimizer.load_state_dict({"state": moments, "param_groups": groups})
-        self._generator.set_state(state["generator"].cpu())
+        restore(self.network, self._optimizer, self._generator, state)
         self._replay.load_state_dict({name: value.to(self._device) for name, value in state["replay"].items()})
         self._accuracies.clear()
         self._accuracies.extend(state["accuracies"].tolist())
