@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks import fetch, fetch_learner, grid, learner
+from benchmarks import agents, fetch, fetch_learner, grid, learner
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
-ROOMS = {"fetch": fetch.rows, "fetch-learner": fetch_learner.rows, "grid": grid.rows, "learner": learner.rows}
+ROOMS = {
+    "agents": agents.rows,
+    "fetch": fetch.rows,
+    "fetch-learner": fetch_learner.rows,
+    "grid": grid.rows,
+    "learner": learner.rows,
+}
 
 
 def main(names: list[str]) -> int:
