@@ -1,0 +1,61 @@
+"""What each bonus costs: the steps a second of every reference agent over those of plain PPO, on the same task.
+
+A turn is two rollouts and updates, and so one training of a reachability network. Before the first one that is timed,
+each agent has filled half of its replay, and its network is trusted from its first training on: from then on it does
+all the work that it will ever do. A network is trusted early for this alone.
+"""
+
+from __future__ import annotations
+
+import gymnasium
+import torch
+
+import sprl_bench  # noqa: F401 - registers the ids
+from benchmarks.learners import threads, turn_steps
+from benchmarks.measure import Contender, Row, compare, table
+from sprl_bench.agents import load_factory
+
+__all__ = ["main", "rows"]
+
+TASK = "SPRL/FourRooms-7x7-v1"
+TIMES = {"gt-grid": 1.05, "icm": 1.6, "gt-sprl": 2.0, "sprl": 2.0, "eco": 2.5}  # of PPO's time, at most
+TRUSTED = {"ready_trainings": 1, "ready_accuracy": 0.0}
+WARM_UP, TURN, REPEATS, NUM_THREADS = 12, 2, 7, 1  # updates, updates, turns
+
+
+def rows() -> list[Row]:
+    """Measure all rows; takes about ten minutes."""
+    torch.set_flush_denormal(True)
+    torch.set_num_threads(NUM_THREADS)
+    return [_against_ppo(agent, times) for agent, times in TIMES.items()]
+
+
+def main() -> None:
+    """Print the table."""
+    print(table(rows()))
+
+
+def _against_ppo(agent: str, times: float) -> Row:
+    what = f"{agent}, FourRooms 7x7, {threads(NUM_THREADS)}"
+    return compare(what, _turns(agent), "ppo", _turns("ppo"), bar=round(1 / times, 3), repeats=REPEATS)
+
+
+def _turns(agent: str) -> Contender:
+    factory = load_factory(agent)
+    settings = factory.hyperparameters("grid", TRUSTED if agent in ("eco", "sprl") else {})  # type: ignore[attr-defined]
+    envs = gymnasium.make_vec(TASK, num_envs=settings["num_envs"], num_threads=1)
+    envs.reset(seed=0)
+    updates = factory(seed=0, **settings).train(envs, budget=10**9)
+    for _ in range(WARM_UP):
+        next(updates)
+
+    def turn() -> int:
+        for _ in range(TURN):
+            next(updates)
+        return TURN * turn_steps(settings)
+
+    return turn
+
+
+if __name__ == "__main__":
+    main()
