@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from sprl_bench.tables import tabulate
     from sprl_bench.tables.render import render
     from sprl_bench.tasks import SUITES, Suite, Task, find_suite
+    from sprl_bench.video import record_video
 
 __version__ = "0.1.0"
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "make_executor",
     "plot",
     "record",
+    "record_video",
     "recording",
     "render",
     "render_comparisons",
@@ -77,6 +79,7 @@ _HOMES = {
     "suite": ["expand", "run_suite", "survey"],
     "tables": ["render", "tabulate"],
     "tasks": ["SUITES", "Suite", "Task", "find_suite"],
+    "video": ["record_video"],
 }
 _HOME_OF = {name: f"sprl_bench.{home}" for home, names in _HOMES.items() for name in names}
 
