@@ -14,6 +14,7 @@ BELOW_RUN = DATA | {"sprl_bench.recorder", "sprl_bench.agents", "sprl_bench.mach
 ALLOWED = {
     "sprl_bench.envs": set(),
     "sprl_bench.solver": {"sprl_bench.envs"},
+    "sprl_bench.theory": {"sprl_bench.envs", "sprl_bench.solver"},
     "sprl_bench.tasks": set(),
     "sprl_bench.metrics": set(),
     "sprl_bench.records": DATA,
@@ -28,6 +29,7 @@ ALLOWED = {
     "sprl_bench.video": {"sprl_bench.agents", "sprl_bench.envs", "sprl_bench.policies", "sprl_bench.tasks"},
     "sprl_bench.tables": DATA,
     "sprl_bench.plots": DATA | {"sprl_bench.tables"},
+    "sprl_bench.theory_plots": {"sprl_bench.envs", "sprl_bench.theory", "sprl_bench.plots"},
     "sprl_bench.leaderboard": DATA | {"sprl_bench.tables"},
     "sprl_baselines": {"sprl_bench.agents", "sprl_bench.solver"},
 }

@@ -190,6 +190,20 @@ def test_a_table_in_each_format(capsys: Capture, runs: Path, tmp_path: Path) -> 
     assert path.read_text() == shown
 
 
+@pytest.mark.parametrize(
+    ("suffix", "form"), [("md", "md"), ("csv", "csv"), ("json", "json"), ("tex", "latex"), ("txt", "rich")]
+)
+def test_a_file_s_name_says_the_format(capsys: Capture, runs: Path, tmp_path: Path, suffix: str, form: str) -> None:
+    path = tmp_path / f"table.{suffix}"
+    call(capsys, "table", runs, "-o", path)
+    assert path.read_text() == call(capsys, "table", runs, "--format", form)[1]
+
+
+def test_the_package_is_the_command() -> None:
+    ran = subprocess.run([sys.executable, "-m", "sprl_bench", "--version"], capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith("sprl-bench ")
+
+
 def test_a_table_of_missing_runs_needs_to_be_asked_for(capsys: Capture, runs: Path) -> None:
     for name in ("record.json", "spec.json"):
         (runs / "grid-7x7/KeyDoors-7x7/ppo/seed-4" / name).unlink(missing_ok=True)

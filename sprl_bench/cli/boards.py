@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sprl_bench.cli.listing import require_command
-from sprl_bench.cli.reports import Output, check_choice, deliver, planned_runs, terminal_width
+from sprl_bench.cli.reports import Format, Output, check_choice, choose_format, deliver, planned_runs, terminal_width
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.making import Status
@@ -29,7 +29,7 @@ Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 @app.command("show")
 def show(
     suite: Annotated[str | None, typer.Argument(help="The suite; by default all.")] = None,
-    form: Annotated[str, typer.Option("--format", help="rich, md, csv, latex or json.")] = "rich",
+    form: Format = None,
     output: Output = None,
     home: Home = None,
 ) -> None:
@@ -37,7 +37,7 @@ def show(
     from sprl_bench import leaderboard
     from sprl_bench.tables import FORMATS, render
 
-    check_choice("format", form, FORMATS)
+    form = choose_format(form, output, FORMATS)
     boards = leaderboard.boards(home or leaderboard.home(), suite)
     deliver(render(boards, form, width=terminal_width(output)), output)
 
@@ -98,7 +98,7 @@ def compare(
     from sprl_bench import leaderboard
     from sprl_bench.records import find_records
 
-    check_choice("format", form, leaderboard.COMPARISON_FORMATS)
+    form = choose_format(form, output, leaderboard.COMPARISON_FORMATS)
     entries = [leaderboard.read_entry(against)] if against.is_file() else leaderboard.find_entries(against)
     compared = leaderboard.compare(
         find_records(runs), entries, agent=agent, tasks=task or None, planned=planned_runs(runs)

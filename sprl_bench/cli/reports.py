@@ -8,7 +8,8 @@ import shutil
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -17,17 +18,33 @@ from sprl_bench.suggestions import unknown
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
 
-__all__ = ["Output", "check_choice", "deliver", "planned_runs", "plot", "print_tables", "table", "terminal_width"]
+__all__ = [
+    "Format",
+    "Output",
+    "check_choice",
+    "choose_format",
+    "deliver",
+    "planned_runs",
+    "plot",
+    "print_tables",
+    "table",
+    "terminal_width",
+]
+
+SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md", ".tex": "latex"})
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
 AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Show what is there, and mark what is missing.")]
+Format = Annotated[
+    str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default as the file's name ends.")
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
 
 
 def table(
     runs: Runs,
-    form: Annotated[str, typer.Option("--format", help="rich, md, csv, latex or json.")] = "rich",
+    form: Format = None,
     output: Output = None,
     task: Tasks = None,
     allow_missing: AllowMissing = False,
@@ -36,7 +53,7 @@ def table(
     from sprl_bench.records import find_records
     from sprl_bench.tables import FORMATS, render, tabulate
 
-    check_choice("format", form, FORMATS)
+    form = choose_format(form, output, FORMATS)
     made = tabulate(find_records(runs), tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
     deliver(render(made, form, width=terminal_width(output)), output)
 
@@ -73,6 +90,17 @@ def planned_runs(runs: Path) -> list[RunSpec]:
     from sprl_bench.suite import survey
 
     return [state.spec for state in survey(runs)]
+
+
+def choose_format(form: str | None, output: Path | None, allowed: Collection[str]) -> str:
+    """Return the format asked for, or that which the file's name ends in.
+
+    Raises:
+        ValueError: It is not allowed; the message lists what is.
+    """
+    chosen = form or SUFFIXES.get(output.suffix if output else "", "rich")
+    check_choice("format", chosen, allowed)
+    return chosen
 
 
 def check_choice(name: str, value: str, allowed: Collection[str]) -> None:

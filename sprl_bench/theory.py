@@ -1,0 +1,317 @@
+"""The k-shortest-path constraint, counted: what it prunes and what it keeps (Sohn et al. 2021, Lemma 2, Theorem 1).
+
+A small deterministic world is one table of successors, with states that end the episode. On it the constraint is a
+property of trajectories and can be counted exactly. With s_0, s_1, ... the states and D(s, s') the least number of
+steps from s to s' that meet no reward before s' (D_nr of Definition 4), a trajectory is *admissible for k* if
+
+    D(s_{t-j}, s_t) = j    for every t and every j from 1 to min(k, t):
+
+no stretch of at most k steps could have been shorter. For k = 0 nothing is asked. Reward lies on the goal only and the
+goal ends the episode (the single-goal case of appendix I), so that no stretch ever crosses a reward.
+
+Two things are stricter than in Definition 6. It asks this of the stretches that lead on to a reward, while here
+trajectories that find none are held to it as well, as the cost of the algorithm does. And windows shorter than k count
+from the first step on. Counts are Python's integers, exact at any size; shares are their correctly rounded quotients.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprl_bench import solver
+from sprl_bench.envs.arguments import check_array, check_integer
+from sprl_bench.envs.grid.encoding import WALL
+
+__all__ = [
+    "Counts",
+    "World",
+    "cardinal_world",
+    "count_trajectories",
+    "distances",
+    "is_admissible",
+    "num_reachable",
+    "pose_world",
+    "shares",
+    "shortest_path",
+    "steps_to_goal",
+]
+
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Window = tuple[int, ...]
+"""The last states of a trajectory, the present one at the end: as many as the constraint looks back on."""
+
+NOWHERE: Final = -1
+STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # (x, y) in the order of the directions: right, down, left, up
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A deterministic world with one start.
+
+    Raises:
+        TypeError: The start is no integer.
+        ValueError: The table names a state that does not exist, or the shapes do not fit.
+    """
+
+    successors: Integers  # [S, A] the state after each action
+    goal: Flags  # [S] whether arriving there is rewarded and ends the episode
+    start: int
+
+    def __post_init__(self) -> None:
+        states = len(self.successors)
+        if self.successors.ndim != 2 or self.successors.dtype != np.int64 or not self.successors.size:
+            raise ValueError(
+                f"successors must be int64 [S, A], got {self.successors.dtype} {list(self.successors.shape)}."
+            )
+        low, high = int(self.successors.min()), int(self.successors.max())
+        if low < 0 or high >= states:
+            raise ValueError(f"successors must be states from 0 to {states - 1}, got {low} to {high}.")
+        check_array("goal", self.goal, (states,), np.dtype(np.bool_))
+        check_integer("start", self.start, 0, states - 1)
+
+
+class Counts(NamedTuple):
+    """How many trajectories from the start are admissible, by their number of steps t = 0 .. T.
+
+    Two actions with the same successor make two trajectories: these are the nodes of the rollout tree.
+    """
+
+    running: tuple[int, ...]  # [T + 1] of t steps, not on the goal
+    ended: tuple[int, ...]  # [T + 1] that reach the goal with their t-th step
+
+    @property
+    def trajectories(self) -> tuple[int, ...]:
+        """Trajectories of t steps, and the shorter ones that have ended: the leaves of a tree cut at depth t, [T + 1].
+
+        A trajectory that can go on, but not admissibly, is counted up to its last admissible step and no further.
+        """
+        return tuple(a + b for a, b in zip(self.running, accumulate(self.ended), strict=True))
+
+    @property
+    def tree_sizes(self) -> tuple[int, ...]:
+        """Nodes of the rollout tree down to depth t, its root included, [T + 1]."""
+        return tuple(accumulate(a + b for a, b in zip(self.running, self.ended, strict=True)))
+
+
+def cardinal_world(observation: NDArray[np.uint8]) -> World:
+    """Return the world of moves right, down, left, up on the free cells of a map; against a wall, nothing moves.
+
+    Args:
+        observation: Of a FourRooms task, uint8 [S, S, 3]: the start is the agent's cell.
+
+    Raises:
+        ValueError: It is no map, or a key or a door is on it.
+    """
+    cells, agent, _, goal = _read(observation)
+    successors = [[_neighbour(cells, cell, *step) for step in STEPS] for cell in cells]
+    return World(np.asarray(successors), np.asarray([cell == goal for cell in cells]), cells[agent])
+
+
+def pose_world(observation: NDArray[np.uint8]) -> World:
+    """Return the world of turn left, turn right and forward: a state is a free cell and one of four directions.
+
+    The goal is reached in any direction. The other four actions of the tasks do nothing there and are left out.
+
+    Args:
+        observation: Of a FourRooms task, uint8 [S, S, 3]: the start is the agent's pose.
+
+    Raises:
+        ValueError: It is no map, or a key or a door is on it.
+    """
+    cells, agent, direction, goal = _read(observation)
+    successors = [
+        [4 * number + (heading - 1) % 4, 4 * number + (heading + 1) % 4, 4 * _neighbour(cells, cell, *step) + heading]
+        for cell, number in cells.items()
+        for heading, step in enumerate(STEPS)
+    ]
+    return World(
+        np.asarray(successors), np.asarray([cell == goal for cell in cells]).repeat(4), 4 * cells[agent] + direction
+    )
+
+
+Cell = tuple[int, int]
+
+
+def _read(observation: NDArray[np.uint8]) -> tuple[dict[Cell, int], Cell, int, Cell]:
+    """Return the free cells (x, y) with their numbers, the agent's cell and direction, and the goal's cell."""
+    state = solver.parse(observation[None])
+    size = observation.shape[0]
+    if state.door[0] != NOWHERE or state.key[0] != size * size:
+        raise ValueError("observation must be a map without key and door, as FourRooms has it.")
+    free = [(x, y) for y in range(size) for x in range(size) if observation[y, x, 0] != WALL]
+    agent, goal = int(state.agent[0]), int(state.goal[0])
+    return (
+        {cell: number for number, cell in enumerate(free)},
+        (agent % size, agent // size),
+        int(state.direction[0]),
+        (goal % size, goal // size),
+    )
+
+
+def _neighbour(cells: dict[Cell, int], cell: Cell, right: int, down: int) -> int:
+    """Return the number of the next cell, or of this one if a wall is there."""
+    return cells.get((cell[0] + right, cell[1] + down), cells[cell])
+
+
+def distances(world: World) -> Integers:
+    """Return D from each state to each other, [S, S]: -1 where no way leads, and none leads on from the goal."""
+    states = len(world.successors)
+    leads_to = np.zeros((states, states), np.bool_)
+    leads_to[np.arange(states)[:, None], world.successors] = True
+    leads_to[world.goal] = False
+    out = np.full((states, states), NOWHERE)
+    newest = np.eye(states, dtype=np.bool_)
+    for step in range(states):
+        out[newest] = step
+        newest = newest @ leads_to & (out == NOWHERE)
+    return out
+
+
+def num_reachable(world: World) -> int:
+    """Return how many states the start leads to, itself included."""
+    return int(np.count_nonzero(distances(world)[world.start] != NOWHERE))
+
+
+def shortest_path(world: World) -> list[int]:
+    """Return the states of a shortest path from the start to the nearest goal, [L + 1].
+
+    Raises:
+        ValueError: No goal can be reached.
+    """
+    table = distances(world)
+    goals = [state for state in np.flatnonzero(world.goal) if table[world.start, state] != NOWHERE]
+    if not goals:
+        raise ValueError("No goal can be reached from the start.")
+    target = min(goals, key=lambda state: int(table[world.start, state]))
+    path = [world.start]
+    while path[-1] != target:
+        left = table[path[-1], target]
+        path.append(next(int(state) for state in world.successors[path[-1]] if table[state, target] == left - 1))
+    return path
+
+
+def is_admissible(trajectory: Sequence[int], table: Integers, k: int) -> bool:
+    """Return whether no stretch of at most k steps could have been shorter: the definition, word for word.
+
+    Args:
+        trajectory: States, [L + 1].
+        table: The distances between all states, [S, S].
+        k: The longest stretch that is looked at; 0 for no constraint.
+    """
+    check_integer("k", k, 0)
+    return all(
+        table[trajectory[t - j], trajectory[t]] == j for t in range(len(trajectory)) for j in range(1, min(k, t) + 1)
+    )
+
+
+class _Constraint:
+    """What may come next. Of all stretches that end there only the longest must be looked at.
+
+    For if D(s_{t-m}, s_t) = m along a path of m steps, every stretch inside it is a shortest path too.
+    """
+
+    def __init__(self, world: World, k: int) -> None:
+        self._k = check_integer("k", k, 0)
+        self._successors: list[list[int]] = world.successors.tolist()
+        self._distances: list[list[int]] = distances(world).tolist()
+
+    def options(self, window: Window) -> list[int]:
+        """Return the admissible next states after these, once for each action that leads there."""
+        if not self._k:
+            return self.successors(window)
+        reach = self._distances[window[0]]
+        return [state for state in self.successors(window) if reach[state] == len(window)]
+
+    def successors(self, window: Window) -> list[int]:
+        """Return the next states, admissible or not, one for each action."""
+        return self._successors[window[-1]]
+
+    def extend(self, window: Window, state: int) -> Window:
+        """Return the last k states, or the last one for k = 0."""
+        return (*window, state)[-max(self._k, 1) :]
+
+
+def count_trajectories(world: World, k: int, horizon: int) -> Counts:
+    """Count the admissible trajectories from the start by dynamic programming over their last k states.
+
+    Two trajectories with the same last k states have the same futures, so that their number is all that is carried on.
+
+    Args:
+        world: Where.
+        k: The longest stretch that must be a shortest path; 0 counts all trajectories.
+        horizon: T, the most steps a trajectory has.
+    """
+    constraint = _Constraint(world, k)
+    counts: Counter[Window] = Counter({(world.start,): 1})
+    running, ended = [], []
+    for step in range(check_integer("horizon", horizon, 0) + 1):
+        if step:
+            counts = _advance(counts, constraint)
+        arrived = counts.total()
+        counts = Counter({window: count for window, count in counts.items() if not world.goal[window[-1]]})
+        running.append(counts.total())
+        ended.append(arrived - running[-1])
+    return Counts(tuple(running), tuple(ended))
+
+
+def _advance(counts: Counter[Window], constraint: _Constraint) -> Counter[Window]:
+    """Return the number of trajectories by their last states, one step later."""
+    after: Counter[Window] = Counter()
+    for window, count in counts.items():
+        for state in constraint.options(window):
+            after[constraint.extend(window, state)] += count
+    return after
+
+
+def shares(world: World, k: int, horizon: int) -> list[float]:
+    """Return admissible over all trajectories for each number of steps, [T + 1].
+
+    It never rises with k, for an admissible trajectory is admissible for every smaller k (Lemma 2).
+    """
+    admissible = count_trajectories(world, k, horizon).trajectories
+    everything = count_trajectories(world, 0, horizon).trajectories
+    return [some / every for some, every in zip(admissible, everything, strict=True)]
+
+
+def steps_to_goal(
+    world: World, k: int, rng: np.random.Generator, *, episodes: int = 1000, limit: int = 100_000
+) -> Integers:
+    """Simulate an explorer that knows the constraint and nothing else; return its steps until the goal, [episodes].
+
+    It draws uniformly from the actions that keep the trajectory admissible. Where none does, it forgets all but the
+    present state, as if an episode began there; where even then none does, it draws from all actions.
+
+    Args:
+        world: Where.
+        k: The longest stretch that must be a shortest path; 0 for a uniform random walk.
+        rng: Where its draws come from.
+        episodes: How often it starts.
+        limit: Steps after which it gives up: a walk cut off there counts as that many.
+    """
+    check_integer("episodes", episodes, 1)
+    check_integer("limit", limit, 1)
+    constraint = _Constraint(world, k)
+    goals = frozenset(np.flatnonzero(world.goal).tolist())
+    return np.asarray([_walk(world.start, goals, constraint, rng, limit) for _ in range(episodes)])
+
+
+def _walk(start: int, goals: frozenset[int], constraint: _Constraint, rng: np.random.Generator, limit: int) -> int:
+    """Return the steps of one walk until a goal."""
+    window: Window = (start,)
+    for step in range(limit):
+        if window[-1] in goals:
+            return step
+        options = constraint.options(window)
+        if not options:
+            window = window[-1:]
+            options = constraint.options(window) or constraint.successors(window)
+        window = constraint.extend(window, options[int(rng.random() * len(options))])
+    return limit
