@@ -243,6 +243,37 @@ def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
     assert all(np.isfinite(value) for report in reports for value in report.values())
 
 
+SCALES = {
+    "eco": "bonus_weight",
+    "gt-grid": "bonus_weight",
+    "gt-sprl": "cost_scale",
+    "icm": "bonus_weight",
+    "sprl": "cost_scale",
+}
+
+
+@pytest.mark.parametrize("name", sorted(SCALES))
+def test_the_scale_of_a_bonus_reaches_the_learner_and_nothing_else(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a learner that learns nothing, what the environment pays is the same, whatever the bonus pays."""
+    streams: dict[float, list[tuple[Tensor, Tensor, Tensor]]] = {0.0: [], 1.0: [], 2.0: []}
+    for scale, stream in streams.items():
+
+        def keep(_: PPO, rollout: Rollout, training_rewards: Tensor, remaining: float, stream: Any = stream) -> Any:
+            stream.append((rollout.rewards, rollout.actions, training_rewards))
+            return {}
+
+        monkeypatch.setattr(PPO, "update", keep)
+        list(FACTORIES[name](seed=0, **{**QUICK[name], SCALES[name]: scale}).train(grid_envs(), 8 * 128))
+    for nothing, once, twice in zip(*streams.values(), strict=True):
+        for own in range(2):
+            assert torch.equal(nothing[own], once[own])
+            assert torch.equal(nothing[own], twice[own])
+        rewards, bonus = nothing[0], once[2] - once[0]
+        assert torch.equal(nothing[2], rewards)
+        assert torch.allclose(twice[2], rewards + 2 * bonus, atol=1e-5)
+    assert (once[2] != once[0]).any()
+
+
 @pytest.mark.parametrize("name", ["eco", "gt-grid", "gt-sprl", "icm", "ppo", "sprl"])
 def test_every_agent_can_see_earlier_observations_too(name: str) -> None:
     """The policy does; what its bonus sees is checked against the true successors of the newest ones."""
