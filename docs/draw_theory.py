@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 import sprl_bench
 from sprl_bench import theory
@@ -45,12 +46,24 @@ def describe_map(model: Worlds, observation: Any) -> None:
 
 
 def describe_maps(model: Worlds, maps: list[Any]) -> None:
-    """Print the mean number of steps to the goal over all maps, with its standard error over maps, for each k."""
-    print(f"\n{model.__name__}, mean of {MAPS} maps, {WALKS} walks each")
+    """Print the mean number of steps to the goal for each k, and how k = 3 differs from k = 2, over all maps."""
+    print(f"\n{model.__name__}, mean of {MAPS} maps, {WALKS} walks each, +- one standard error over maps")
+    means = {k: mean_steps(model, maps, k) for k in KS}
     for k in KS:
-        rng = np.random.default_rng((1, k))
-        means = [theory.steps_to_goal(model(each), k, rng, episodes=WALKS).mean() for each in maps]
-        print(f"k = {k}: {np.mean(means):.1f} +- {np.std(means, ddof=1) / MAPS**0.5:.1f}")
+        print(f"k = {k}: {describe(means[k])}")
+    slower = means[3] - means[2]
+    print(f"k = 3 is slower than k = 2 on {(slower > 0).sum()} maps, by {describe(slower)}")
+
+
+def mean_steps(model: Worlds, maps: list[Any], k: int) -> NDArray[np.float64]:
+    """Return the mean number of steps to the goal on each map."""
+    rng = np.random.default_rng((1, k))
+    return np.array([theory.steps_to_goal(model(each), k, rng, episodes=WALKS).mean() for each in maps])
+
+
+def describe(values: NDArray[np.float64]) -> str:
+    """Return the mean with its standard error."""
+    return f"{values.mean():.1f} +- {values.std(ddof=1) / len(values) ** 0.5:.1f}"
 
 
 if __name__ == "__main__":
