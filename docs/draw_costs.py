@@ -17,7 +17,7 @@ import torch
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.bonus import Setting
 from sprl_baselines.rollout import Collector, Decision
-from sprl_baselines.sprl import ConstraintConfig, GroundTruthSPRL
+from sprl_baselines.sprl import SPRL, ConstraintConfig
 
 mpl.use("Agg")
 from matplotlib import pyplot
@@ -67,7 +67,7 @@ def walks() -> tuple[np.ndarray, np.ndarray]:
     first, infos = envs.reset(seed=[SEED] * WALKS)
     collector.load_state_dict({**collector.state_dict(), "observations": first, "positions": infos["position"]})
     setting = Setting(envs.single_observation_space, envs.single_action_space, WALKS, 0, torch.device("cpu"))
-    cost = GroundTruthSPRL(setting, ConstraintConfig(cost_scale=1.0, bias=0.0))
+    cost = SPRL.true(setting, ConstraintConfig(cost_scale=1.0, bias=0.0))
     generator, zeros = torch.Generator().manual_seed(SEED), torch.zeros(WALKS)
     rollout = collector.collect(lambda _: Decision(torch.randint(7, (WALKS,), generator=generator), zeros, zeros))
     kept = ~rollout.ended.any(dim=0)

@@ -60,12 +60,13 @@ class Playable(Resumable, Protocol):
         """Return the part of the state that acting needs; a finished run keeps it."""
         ...
 
-    def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Policy:
+    def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Policy:
         """Return how the agent acts with what `load_state_dict` was given, a whole state or the weights alone.
 
         Args:
             observation_space: That of a single environment.
             action_space: That of a single environment.
+            seed: Source of every random choice.
         """
         ...
 

@@ -49,7 +49,7 @@ class Actor:
     arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def find_actor(name: str | Policy) -> Actor:
+def find_actor(name: str | Path | Policy) -> Actor:
     """Return who is called `random`, `still`, `solver`, "package.module:function", or by the folder of a run.
 
     Args:
@@ -60,6 +60,8 @@ def find_actor(name: str | Policy) -> Actor:
         ModuleNotFoundError: The module, or something that it needs, is not installed.
         UnplayableRunError: The folder is a run's, but its agent cannot be brought back.
     """
+    if isinstance(name, Path):
+        name = str(name)
     if not isinstance(name, str):
         return _given(name)
     if name in _NAMED:
@@ -74,6 +76,8 @@ def find_actor(name: str | Policy) -> Actor:
 
 
 def _given(policy: Policy) -> Actor:
+    if not callable(policy):
+        raise ValueError(f"policy is {policy!r}; it must be a name, a run's folder, or a function of an observation.")
     return Actor(lambda _env, _seed: policy)
 
 
@@ -164,11 +168,11 @@ def _trained(folder: Path) -> Actor:
             f"the end if its agent has a method policy()."
         )
 
-    def begin(env: Env, _seed: int) -> Policy:
+    def begin(env: Env, seed: int) -> Policy:
         if env.spec is None or env.spec.id != spec.task.env_id:
             raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
         agent = _restore(saved[0], spec)
-        return agent.policy(env.observation_space, env.action_space)
+        return agent.policy(env.observation_space, env.action_space, seed)
 
     return Actor(begin, spec.task.arguments)
 

@@ -251,8 +251,7 @@ class _Session:
 
     def finish(self) -> RunRecord:
         """Write what the agent has learned and the record, and remove what only an unfinished run needs."""
-        if isinstance(self._agent, Playable):
-            checkpoint.save(self._folder / WEIGHTS, {"agent": self._agent.weights()})
+        self._keep_weights()
         record = write_result(
             self._folder,
             self.spec,
@@ -263,6 +262,15 @@ class _Session:
         )
         (self._folder / CHECKPOINT).unlink(missing_ok=True)
         return record
+
+    def _keep_weights(self) -> None:
+        """Write what the agent has learned, if it can show it; a record does not depend on that."""
+        if not isinstance(self._agent, Playable):
+            return
+        try:
+            checkpoint.save(self._folder / WEIGHTS, {"agent": self._agent.weights()})
+        except Exception as error:  # whatever an agent's own method may do
+            logger.warning("%s keeps no weights, so it cannot be filmed: %s", self._folder, error)
 
 
 def _joined(commits: Sequence[str]) -> str | None:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from sprl_bench.agents import Policy
 from sprl_bench.envs import IDS
+from sprl_bench.envs.arguments import check_integer
 from sprl_bench.policies import find_actor
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
@@ -141,13 +142,13 @@ def _format(path: Path) -> Format:
 
 
 def _check_numbers(episodes: int, seed: int) -> None:
-    if episodes < 1:
-        raise ValueError(f"episodes is {episodes}; it must be at least 1.")
-    if seed < 0:
-        raise ValueError(f"seed is {seed}; it must be at least 0.")
+    check_integer("episodes", episodes, 1)
+    check_integer("seed", seed, 0)
 
 
 def _make(env_id: str, arguments: Mapping[str, Argument]) -> Env:
+    if "render_mode" in arguments:
+        raise ValueError(f"render_mode is {arguments['render_mode']!r}; a video is always made of 'rgb_array'.")
     if ":" not in env_id and env_id not in gymnasium.registry:
         raise ValueError(unknown("environment", env_id, IDS))
     try:

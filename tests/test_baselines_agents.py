@@ -161,8 +161,8 @@ def test_a_restored_policy_acts_as_it_did_in_training(env_id: str) -> None:
     for state in (agent.state_dict(), agent.weights()):
         other = ppo(seed=3, **SMALL, mlp_layers=1, mlp_units=8)
         other.load_state_dict(state)
-        policy = other.policy(*spaces_)
-        fresh = PPO(*spaces_, agent.config, 3, torch.device("cpu"))
+        policy = other.policy(*spaces_, seed=8)
+        fresh = PPO(*spaces_, agent.config, 8, torch.device("cpu"))
         fresh.network.load_state_dict(agent.learner.network.state_dict())
         for observation in envs.reset(seed=1)[0]:
             action = policy(observation)
@@ -174,8 +174,16 @@ def test_a_restored_policy_acts_as_it_did_in_training(env_id: str) -> None:
 
 
 def test_there_is_no_state_before_training() -> None:
-    with pytest.raises(RuntimeError, match="before train"):
-        ppo(seed=0).state_dict()
+    spaces_ = grid_envs().single_observation_space, spaces.Discrete(7)
+    for ask in (ppo(seed=0).state_dict, ppo(seed=0).weights, lambda: ppo(seed=0).policy(*spaces_, seed=0)):
+        with pytest.raises(RuntimeError, match="before train"):
+            ask()
+
+
+def test_a_preset_that_is_no_text_is_refused() -> None:
+    for wrong in (3, [1], None):
+        with pytest.raises(ValueError, match=r"preset=.* must be text"):
+            ppo.hyperparameters("grid", {"preset": wrong})
 
 
 def test_envs_of_another_number_are_refused() -> None:
@@ -282,7 +290,7 @@ def test_every_agent_can_see_earlier_observations_too(name: str) -> None:
     assert agent.learner.network.policy_trunk[1].weight.shape[1] == 9
     assert all(np.isfinite(value) for report in reports for value in report.values())
     with pytest.raises(ValueError, match="stack=2 acts on more than one observation"):
-        agent.policy(spaces.Discrete(2), spaces.Discrete(2))
+        agent.policy(spaces.Discrete(2), spaces.Discrete(2), seed=0)
 
 
 def test_a_bonus_sees_each_observation_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,7 +25,7 @@ class Near:
 
     ready = True
 
-    def judge(self, states: Tensor) -> Any:
+    def judge_of(self, states: Tensor) -> Any:
         return lambda earlier, later: near(states[earlier] - states[later]).squeeze(-1)
 
 

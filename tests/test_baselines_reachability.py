@@ -81,7 +81,7 @@ def test_the_oldest_rows_go_and_a_stretch_spans_rollouts() -> None:
 
 def test_a_replay_goes_on_from_its_state() -> None:
     first, second = replay_of([[2], [5]], size=20), Replay(20, 2)
-    second.load_state_dict(first.state_dict())
+    second.load_state_dict(first.state_dict(), CPU)
     for replay in (first, second):
         replay.append(numbered(3, 2, first=8), torch.ones(3, 2, dtype=torch.bool))
     assert stretches(first) == stretches(second)
@@ -163,23 +163,35 @@ def test_scattered_anchors_have_room(segments: Segments, seed: int) -> None:
 # ------------------------------------------------------------------------------------------- network
 
 
-def line_network(pair_input: str = "pair") -> Any:
+def line_network() -> Any:
     space = spaces.Box(-1, 1, (3,), np.float32)
     made = reachability_network(
-        space, generator(), grid_encoding="scaled", embedding_units=4, layers=2, units=5, pair_input=pair_input
+        space, generator(), grid_encoding="scaled", embedding_units=4, layers=2, units=5, pair_input="pair"
     )
     made.first.bias.data.normal_(generator=generator(1))
     return made.eval()
 
 
-@pytest.mark.parametrize("pair_input", ["pair", "difference"])
-def test_the_first_layer_split_by_state_is_that_of_the_pair(pair_input: str) -> None:
-    network = line_network(pair_input)
-    earlier, later = torch.randn(2, 7, 3, generator=generator(2))
-    joint = (earlier, later) if pair_input == "pair" else (later, later - earlier)
-    expected = network.rest(network.first(torch.cat(joint, dim=1))).squeeze(-1)
-    given = network.judge(network.project(earlier).earlier, network.project(later).later)
-    assert torch.allclose(given, expected, atol=1e-5)
+def test_the_first_layer_split_by_state_is_that_of_the_pair() -> None:
+    network = line_network()
+    states = torch.randn(9, 3, generator=generator(2))
+    earlier, later = torch.randint(9, (2, 20), generator=generator(3))
+    expected = network.rest(network.first(torch.cat((states[earlier], states[later]), dim=1))).squeeze(-1)
+    assert torch.allclose(network(states)(earlier, later), expected, atol=1e-5)
+
+
+def test_the_difference_of_grids_goes_through_the_convolutions() -> None:
+    """Appendix F.4: the input is (later, later - earlier), number by number, negative ones included."""
+    space = spaces.Box(0, 255, (7, 7, 3), np.uint8)
+    network = reachability_network(
+        space, generator(), grid_encoding="scaled", embedding_units=8, layers=2, units=5, pair_input="difference"
+    ).eval()
+    states = torch.randint(11, (6, 7, 7, 3), generator=generator(2), dtype=torch.uint8)
+    earlier, later = torch.tensor([0, 1, 5, 2]), torch.tensor([3, 0, 4, 2])
+    change = states[later].numpy().astype(np.float32) - states[earlier].numpy().astype(np.float32)
+    both = torch.cat((network.embedding(states[later]), network.embedding(torch.from_numpy(change))), dim=1)
+    expected = network.rest(network.first(both)).squeeze(-1)
+    assert torch.allclose(network(states)(earlier, later), expected, atol=1e-5)
 
 
 def test_the_flat_network_is_that_of_appendix_g4() -> None:
@@ -214,7 +226,7 @@ class Counting:
     def __init__(self) -> None:
         self.states, self.pairs = 0, 0
 
-    def judge(self, states: Tensor) -> Any:
+    def judge_of(self, states: Tensor) -> Any:
         self.states += len(states)
 
         def judge(earlier: Tensor, later: Tensor) -> Tensor:
@@ -241,7 +253,7 @@ def test_the_ground_truth_is_the_solvers() -> None:
     envs.reset(seed=4)
     states = np.concatenate([envs.step(rng.integers(6, size=1))[0].copy() for _ in range(90)])
     earlier, later = rng.integers(len(states), size=(2, 200))
-    judge = GroundTruth(envs.single_observation_space, k=3).judge(torch.from_numpy(states))
+    judge = GroundTruth(envs.single_observation_space, k=3).judge_of(torch.from_numpy(states))
     answers = judge(torch.from_numpy(earlier), torch.from_numpy(later))
     assert answers.bool().tolist() == solver.reachable(states[earlier], states[later], 3).tolist()
     assert set(answers.tolist()) == {0.0, 1.0}
@@ -349,3 +361,43 @@ def test_a_resumed_network_learns_on_exactly() -> None:
         assert first.update(rollout) == second.update(rollout)
     parameters = zip(first.network.state_dict().values(), second.network.state_dict().values(), strict=True)
     assert all(torch.equal(*pair) for pair in parameters)
+
+
+def test_learning_on_leaves_a_loaded_state_as_it_was() -> None:
+    first, second = learner(), learner()
+    for index in range(3):
+        first.update(walk_along_a_line(100, 2, start=100 * index))
+    state = first.state_dict()
+    second.load_state_dict(state)
+    before = [value.clone() for moment in state["optimizer"].values() for value in moment.values()]
+    second.update(walk_along_a_line(100, 2))
+    after = [value for moment in state["optimizer"].values() for value in moment.values()]
+    assert before
+    assert all(torch.equal(*pair) for pair in zip(before, after, strict=True))
+
+
+def test_weights_decay_and_nothing_else() -> None:
+    plain, decaying = learner(), learner(weight_decay=10.0)
+    for made in (plain, decaying):
+        assert [bool(made.update(walk_along_a_line(100, 2))) for _ in range(4)][-1]
+    kept, shrunk = (made.network.rest[2].weight.norm() for made in (plain, decaying))
+    assert shrunk < kept
+    weights, others = decaying._optimizer.param_groups
+    assert (weights["weight_decay"], others["weight_decay"]) == (10.0, 0)
+    assert {parameter.ndim for parameter in others["params"]} == {1}
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        ({"pair_batch": 128, "max_pairs": 100}, "pair_batch=128 must be at most max_pairs, 100"),
+        ({"replay_size": 44}, r"replay_size=44 must be more than \(k \+ negative_bias\) \* num_envs, 44"),
+        (
+            {"pair_input": "difference", "reachability_grid_encoding": "one-hot"},
+            "reachability_grid_encoding='one-hot' must be 'scaled' where pair_input is 'difference'",
+        ),
+    ],
+)
+def test_what_could_never_learn_is_refused(settings: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(ValueError, match=complaint):
+        learner(**settings)

@@ -17,7 +17,7 @@ import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.agents import gt_sprl, sprl
 from sprl_baselines.bonus import Setting
 from sprl_baselines.rollout import Collector, Decision, Rollout
-from sprl_baselines.sprl import SPRL, ConstraintConfig, GroundTruthSPRL, SPRLConfig, count_votes, votes_needed
+from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig, count_votes, votes_needed
 from sprl_bench import solver
 
 CPU = torch.device("cpu")
@@ -78,7 +78,7 @@ class Walks:
         self.collector = Collector(self.envs, 1, CPU)
         self.collector.reset()
         config = ConstraintConfig(**{"k": 2, "tolerance_samples": 1, "cost_scale": 1.0, "bias": 0.25, **settings})
-        self.bonus = GroundTruthSPRL(self.setting, config)
+        self.bonus = SPRL.true(self.setting, config)
 
     @property
     def setting(self) -> Setting:
@@ -183,7 +183,7 @@ def test_the_cost_is_that_of_the_definition(
     rng = np.random.default_rng(seed)
     config = ConstraintConfig(k=k, tolerance=tolerance, tolerance_samples=samples, cost_scale=1.0, bias=0.0)
     setting = Setting(envs.single_observation_space, envs.single_action_space, 3, seed=0, device=CPU)
-    bonus = GroundTruthSPRL(setting, config)
+    bonus = SPRL.true(setting, config)
 
     def act(observations: Tensor) -> Decision:
         """Wander, and now and then walk to the goal, so that there are rewards."""
@@ -208,7 +208,7 @@ def test_the_cost_is_that_of_the_definition(
 
 def test_nothing_is_paid_until_the_network_is_ready_and_the_memory_goes_on_meanwhile() -> None:
     walks = Walks()
-    bonus = SPRL(walks.setting, SPRLConfig(tolerance_samples=1, cost_scale=1.0, bias=0.25))
+    bonus = SPRL.learned(walks.setting, SPRLConfig(tolerance_samples=1, cost_scale=1.0, bias=0.25))
     assert [float(bonus.reward(walks.step(DONE))) for _ in range(5)] == [0.0] * 5
     bonus.reachability = walks.bonus.reachability
     assert float(bonus.reward(walks.step(DONE))) == PAID
@@ -223,7 +223,7 @@ def test_the_ground_truth_has_no_network_to_set() -> None:
 
 def test_continuous_observations_are_judged_too() -> None:
     box = spaces.Box(-1, 1, (4,), np.float64)
-    bonus = SPRL(Setting(box, box, 2, seed=0, device=CPU), SPRLConfig(k=3, tolerance_samples=5, replay_size=64))
+    bonus = SPRL.learned(Setting(box, box, 2, seed=0, device=CPU), SPRLConfig(k=3, tolerance_samples=5, replay_size=64))
     bonus.reachability._ready = True  # type: ignore[attr-defined]
     nothing = torch.zeros(20, 2, dtype=torch.bool)
     states = torch.rand(21, 2, 4, dtype=torch.float64, generator=torch.Generator().manual_seed(0))

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import film_fakes
 import gymnasium
 import numpy as np
 import pytest
@@ -188,6 +189,19 @@ def test_a_finished_run_keeps_what_its_agent_has_learned(tmp_path: Path) -> None
     assert find_actor(str(folder)).begin(gymnasium.make(GRID), 0)(None) == 2
 
 
+def test_a_run_is_recorded_even_if_its_agent_cannot_show_what_it_has_learned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def weights(_: object) -> None:
+        raise TypeError("these weights are a property")
+
+    monkeypatch.setattr(film_fakes.Actor, "weights", weights)
+    spec = make_spec()
+    run(spec, tmp_path)
+    assert (spec.path(tmp_path) / "record.json").exists()
+    assert "keeps no weights, so it cannot be filmed: these weights are a property" in caplog.text
+
+
 def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None) -> None:
     spec = make_spec(env_id=FETCH, substep=250)
     folder = spec.path(tmp_path)
@@ -303,6 +317,13 @@ def test_a_missing_library_says_how_to_get_it(capsys: Capture, tmp_path: Path, m
 
 
 def test_bad_numbers_are_refused(tmp_path: Path) -> None:
-    for number, message in (({"episodes": 0}, "episodes is 0"), ({"seed": -1}, "seed is -1")):
-        with pytest.raises(ValueError, match=message):
+    for number, message in (
+        ({"episodes": 0}, "episodes.* 0"),
+        ({"episodes": 2.5}, r"episodes.* 2\.5"),
+        ({"seed": -1}, "seed.* -1"),
+        ({"seed": 1.5}, r"seed.* 1\.5"),
+        ({"policy": 3}, "policy is 3; it must be a name"),
+        ({"arguments": {"render_mode": "human"}}, "render_mode is 'human'"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=message):
             record_video(GRID, tmp_path / "a.gif", **number)  # type: ignore[arg-type]

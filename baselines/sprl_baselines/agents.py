@@ -20,7 +20,7 @@ from sprl_baselines.moments import RewardNormalizer
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
 from sprl_baselines.rollout import Collector, Rollout, clipping, stacked
-from sprl_baselines.sprl import SPRL, ConstraintConfig, GroundTruthSPRL, SPRLConfig
+from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
 
 C = TypeVar("C", bound=Config)
 Envs = VectorEnv[Any, Any, Any]
@@ -118,8 +118,7 @@ class LearningAgent:
         Raises:
             RuntimeError: Training has not begun, so there is nothing to save.
         """
-        if not hasattr(self, "_steps"):
-            raise RuntimeError("the agent has no state before train() has begun")
+        self._require_begun()
         return {
             "steps": self._steps,
             "learner": self.learner.state_dict(),
@@ -128,24 +127,30 @@ class LearningAgent:
             "collector": self._collector.state_dict(),
         }
 
+    def _require_begun(self) -> None:
+        if not hasattr(self, "_steps"):
+            raise RuntimeError("the agent has no state before train() has begun")
+
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Let the next `train` go on from this state, or `policy` act by it."""
         self._saved = state
 
     def weights(self) -> dict[str, Any]:
         """Return the network's parameters, from where `policy` finds them in a whole state too."""
-        return {"learner": {"network": self.state_dict()["learner"]["network"]}}
+        self._require_begun()
+        return {"learner": {"network": self.learner.state_dict()["network"]}}
 
-    def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], Any]:
+    def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Callable[[Any], Any]:
         """Return how the agent acts in a single environment by the state it was given: by chance, as in training.
 
         Raises:
             ValueError: The agent acts on more than one observation.
+            RuntimeError: There is no state to act by.
         """
         if self.config.stack:
             raise ValueError(f"An agent with stack={self.config.stack} acts on more than one observation at a time.")
-        learner = PPO(observation_space, action_space, self.config, self._seed, self._device)
-        learner.network.load_state_dict(self._saved["learner"]["network"])
+        learner = PPO(observation_space, action_space, self.config, seed, self._device)
+        learner.network.load_state_dict((self._saved or self.weights())["learner"]["network"])
         clipped = clipping(action_space)
 
         def act(observation: Any) -> Any:
@@ -185,7 +190,10 @@ class LearningAgentFactory(Generic[C]):
             ValueError: The domain, the preset or a hyperparameter is unknown, or a value is out of range.
         """
         chosen = dict(overrides)
-        values = {**preset(domain, chosen.pop("preset", "table"), self.name), **chosen}
+        name = chosen.pop("preset", "table")
+        if not isinstance(name, str):
+            raise ValueError(f"Hyperparameter preset={name!r} must be text.")
+        values = {**preset(domain, name, self.name), **chosen}
         config, bonus_config = self._configs(values)
         return {**config.as_dict(), **bonus_config.as_dict()}
 
@@ -196,7 +204,7 @@ class LearningAgentFactory(Generic[C]):
 
 eco = LearningAgentFactory("eco", ECO, ECOConfig)
 gt_grid = LearningAgentFactory("gt-grid", GTGrid, GTGridConfig, privileged=GTGrid.privileged)
-gt_sprl = LearningAgentFactory("gt-sprl", GroundTruthSPRL, ConstraintConfig, privileged=GroundTruthSPRL.privileged)
+gt_sprl = LearningAgentFactory("gt-sprl", SPRL.true, ConstraintConfig, privileged=True)
 icm = LearningAgentFactory("icm", ICM, ICMConfig)
 ppo = LearningAgentFactory("ppo", NoBonus, NoBonusConfig)
-sprl = LearningAgentFactory("sprl", SPRL, SPRLConfig)
+sprl = LearningAgentFactory("sprl", SPRL.learned, SPRLConfig)

@@ -21,7 +21,10 @@ class Bonus(Protocol):
     episode lives from one rollout to the next, and ends with the episode.
     """
 
-    privileged: ClassVar[bool]  # whether it sees what an ordinary agent does not
+    @property
+    def privileged(self) -> bool:
+        """Whether it sees what an ordinary agent does not."""
+        ...
 
     def reward(self, rollout: Rollout) -> Tensor:
         """Return the bonus of each step, already scaled and maybe negative, `[T, N]`.

@@ -47,7 +47,6 @@ class ECO:
     def reward(self, rollout: Rollout) -> Tensor:
         """Return bonus_weight * (bias - familiarity) of each step's successor, `[T, N]`; 0 where an episode ends."""
         if not self.reachability.ready:
-            self._counts.zero_()
             return torch.zeros_like(rollout.rewards)
         familiarity = self._familiarity(rollout)
         bonus = self.config.bonus_weight * (self.config.bias - familiarity)

@@ -1,4 +1,4 @@
-"""GT-Grid: pays for each cell that is new in its episode, told by the env's true state (Savinov et al. 2018).
+"""GT-Grid: pays for each cell that is new in its episode, told by the env's true state (Savinov et al. 2019).
 
 An oracle of what is new, as no ordinary agent has it: the paper's baseline of that name (appendix D.3, Table 1).
 """
@@ -12,11 +12,12 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium import Space, spaces
+from gymnasium import Space
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Choice, Config, Weight
+from sprl_baselines.grids import grid_shape
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
 
@@ -28,9 +29,8 @@ class GTGridConfig(Config):
     """Hyperparameters of GT-Grid."""
 
     bonus_weight: Weight = 0.01  # reward for the first visit of a place in its episode (Table 1)
-    visit_key: Annotated[str, Choice("position", "state")] = (
-        "position"  # what makes a place: the agent's cell, or with it whether the key is in hand and the door open
-    )
+    # What makes a place: the agent's cell, or with it whether the key is in hand and the door open.
+    visit_key: Annotated[str, Choice("position", "state")] = "position"
 
 
 class GTGrid:
@@ -96,9 +96,9 @@ class GTGrid:
 
 def _size(space: Space[Any]) -> int:
     """Return the number of cells along each side of a grid."""
-    match space:
-        case spaces.Box(shape=(height, width, 3), dtype=np.uint8) if height == width:
-            return int(height)
+    match grid_shape(space):
+        case (height, width, 1) if height == width:
+            return height
         case _:
             raise ValueError(f"GT-Grid has no cells to count in observations in {space}: need (S, S, 3) uint8.")
 

@@ -2,7 +2,7 @@
 
 Features phi of the observation are learned together with two models on them: a forward model that predicts the
 successor's features from the action, and an inverse model that infers the action from both. The bonus is the forward
-model's error. Error scale, clipping and weights follow the curiosity baseline of Savinov et al. (2018), as the paper's
+model's error. Error scale, clipping and weights follow the curiosity baseline of Savinov et al. (2019), as the paper's
 Tables 1 and 5 do.
 """
 
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from math import ceil, prod
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-import numpy as np
 import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
@@ -23,6 +22,7 @@ from torch.nn.utils import clip_grad_norm_, skip_init
 from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Config, Count, Positive, Share, Weight
 from sprl_baselines.distinct import distinct
+from sprl_baselines.grids import grid_shape
 from sprl_baselines.networks import HIDDEN_GAIN, FlattenCells, ScaledCells, linear, mlp_trunk
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.training_state import restore, saved
@@ -102,7 +102,7 @@ class ICM:
     def _gradient_step(self, batch: Transitions) -> dict[str, Tensor]:
         foreseen = self.network(batch)
         forward_loss = foreseen.errors.mean()
-        inverse = self.network.actions.judge(foreseen.actions, batch.actions)
+        inverse = self.network.kind.inverse_losses(foreseen.actions, batch.actions)
         share = self._config.forward_share
         loss = self._config.icm_loss_weight * (share * forward_loss + (1 - share) * inverse["inverse_loss"])
         self._optimizer.zero_grad()
@@ -168,21 +168,21 @@ class Dynamics(nn.Module):
         self, observation_space: Space[Any], action_space: Space[Any], generator: torch.Generator, *, units: int
     ) -> None:
         super().__init__()
-        self.actions = action_kind(action_space)
+        self.kind = action_kind(action_space)
         self.phi, features = encoder(observation_space, generator)
-        self.forward_model = model(features + self.actions.size, features, units, generator)
-        self.inverse_model = model(2 * features, self.actions.size, units, generator)
+        self.forward_model = one_hidden_layer(features + self.kind.size, features, units, generator)
+        self.inverse_model = one_hidden_layer(2 * features, self.kind.size, units, generator)
 
     def forward(self, transitions: Transitions) -> Foresight:
         """Compute phi once for each distinct observation, and what both models say."""
         before, after = self.phi(transitions.observations)[transitions.places].unbind(1)
-        predicted = self.forward_model(torch.cat((before, self.actions.encode(transitions.actions)), dim=1))
+        predicted = self.forward_model(torch.cat((before, self.kind.encode(transitions.actions)), dim=1))
         errors = ERROR_SCALE * (predicted - after).square().mean(dim=1)
         return Foresight(errors, self.inverse_model(torch.cat((before, after), dim=1)), after)
 
 
-def model(inputs: int, outputs: int, units: int, generator: torch.Generator) -> nn.Sequential:
-    """One hidden layer."""
+def one_hidden_layer(inputs: int, outputs: int, units: int, generator: torch.Generator) -> nn.Sequential:
+    """Two fully connected layers with a ReLU between."""
     hidden, out = linear(inputs, units, HIDDEN_GAIN, generator), linear(units, outputs, 1.0, generator)
     return nn.Sequential(hidden, nn.ReLU(inplace=True), out)
 
@@ -195,17 +195,17 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
 
     A convolution of stride 2 leaves half of the cells along each side, rounded up.
     """
-    match space:
-        case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
-            cells = ScaledCells()
-            inputs = (cells.channels, CHANNELS, CHANNELS, CHANNELS)
-            layers = [layer for count in inputs for layer in (convolution(count, generator), nn.ELU(inplace=True))]
-            features = CHANNELS * prod(ceil(side / 2 ** len(inputs)) for side in (height, width))
-            return nn.Sequential(cells, *layers, FlattenCells()), features
-        case spaces.Box(shape=(size,)):
-            return mlp_trunk(size, 4, size, generator), size
-        case _:
-            raise ValueError(f"ICM has no features for observations in {space}: need (H, W, 3) uint8 or a flat Box.")
+    if grid := grid_shape(space):
+        *sides, frames = grid
+        cells = ScaledCells(frames)
+        inputs = (cells.channels, CHANNELS, CHANNELS, CHANNELS)
+        layers = [layer for count in inputs for layer in (convolution(count, generator), nn.ELU(inplace=True))]
+        features = CHANNELS * prod(ceil(side / 2 ** len(inputs)) for side in sides)
+        return nn.Sequential(cells, *layers, FlattenCells()), features
+    if isinstance(space, spaces.Box) and len(space.shape) == 1:
+        size = space.shape[0]
+        return mlp_trunk(size, 4, size, generator), size
+    raise ValueError(f"ICM has no features for observations in {space}: need (H, W, 3) uint8 or a flat Box.")
 
 
 def convolution(inputs: int, generator: torch.Generator) -> nn.Conv2d:
@@ -227,7 +227,7 @@ class ActionKind(Protocol):
     def encode(self, actions: Tensor) -> Tensor:
         """Actions as numbers, `[B, size]`."""
 
-    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+    def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
         """`inverse_loss`, and other measures, of the answers `[B, size]`."""
 
 
@@ -241,7 +241,7 @@ class DiscreteActions:
         """`[B]` -> `[B, count]`."""
         return functional.one_hot(actions, self.size).float()
 
-    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+    def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
         """Cross-entropy, and the share of actions that were told right."""
         right = answers.argmax(dim=1) == actions
         return {"inverse_loss": functional.cross_entropy(answers, actions), "inverse_accuracy": right.float().mean()}
@@ -257,7 +257,7 @@ class ContinuousActions:
         """`[B, size]` -> `[B, size]`."""
         return actions
 
-    def judge(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
+    def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
         """Squared error, mean over components."""
         return {"inverse_loss": (answers - actions).square().mean()}
 

@@ -9,7 +9,6 @@ from itertools import pairwise
 from math import prod, sqrt
 from typing import Any, Protocol
 
-import numpy as np
 import torch
 from gymnasium import spaces
 from torch import Tensor, nn
@@ -17,6 +16,7 @@ from torch.nn import functional
 from torch.nn.utils import skip_init
 
 from sprl_baselines.distributions import Categorical, DiagonalGaussian, Distribution
+from sprl_baselines.grids import grid_shape
 
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
@@ -81,18 +81,15 @@ def actor_critic(
     Raises:
         ValueError: if there is no network for such spaces.
     """
-    match observation_space:
-        case spaces.Box(shape=(height, width, channels), dtype=np.uint8) if channels % len(LARGEST_CODES) == 0:
-            policy_trunk = value_trunk = grid_trunk(
-                height, width, grid_encoding, generator, frames=channels // len(LARGEST_CODES)
-            )
-            features = GRID_FEATURES
-        case spaces.Box(shape=(size,)):
-            policy_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
-            value_trunk = mlp_trunk(size, mlp_layers, mlp_units, generator)
-            features = mlp_units
-        case _:
-            raise ValueError(f"No network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box.")
+    if grid := grid_shape(observation_space):
+        policy_trunk = value_trunk = grid_trunk(*grid, grid_encoding, generator)
+        features = GRID_FEATURES
+    elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
+        sizes = observation_space.shape[0], mlp_layers, mlp_units
+        policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
+        features = mlp_units
+    else:
+        raise ValueError(f"No network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box.")
     head = policy_head(features, action_space, generator)
     return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
 
@@ -149,14 +146,14 @@ def policy_head(features: int, action_space: spaces.Space[Any], generator: torch
 GRID_FEATURES = 512
 
 
-def grid_trunk(height: int, width: int, encoding: str, generator: torch.Generator, frames: int = 1) -> nn.Sequential:
+def grid_trunk(height: int, width: int, frames: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
     """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 512]`."""
-    convolutions, features = grid_convolutions(height, width, encoding, generator, frames)
+    convolutions, features = grid_convolutions(height, width, frames, encoding, generator)
     return nn.Sequential(*convolutions, linear(features, GRID_FEATURES, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
 
 
 def grid_convolutions(
-    height: int, width: int, encoding: str, generator: torch.Generator, frames: int = 1
+    height: int, width: int, frames: int, encoding: str, generator: torch.Generator
 ) -> tuple[list[nn.Module], int]:
     """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
     cells = GRID_ENCODINGS[encoding](frames)

@@ -46,14 +46,12 @@ class PPOConfig(Config):
     clip_value: bool = True  # bound the value's move by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
-    reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = (
-        "none"  # divide the env's reward, alone or joint with the bonus, by its sums' running deviation (G.3)
-    )
+    # Divide the env's reward, alone or joint with the bonus, by the running deviation of its discounted sum (G.3).
+    reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = "none"
     action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
     stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
-    grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = (
-        "scaled"  # grid cells as numbers: "scaled" by their largest codes, or "one-hot"
-    )
+    # Grid cells as numbers: "scaled" by their largest codes, or "one-hot".
+    grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
 

@@ -43,6 +43,11 @@ class Rollout:
         return self.terminated | self.truncated
 
     @cached_property
+    def cuts(self) -> Tensor:
+        """Whether this step ends a stretch without a reward or an ending in it, by either, `[T, N]` bool."""
+        return self.ended | (self.rewards != 0)
+
+    @cached_property
     def next_observations(self) -> Tensor:
         """The true successor of every step, `[T, N, ...]`: a copy, made when first asked for."""
         following = torch.cat((self.observations[1:], self.last_observations.unsqueeze(0)))

@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Config, Count, Share, Weight
+from sprl_baselines.config import Count, Share, Weight
 from sprl_baselines.reachability import (
     GroundTruth,
+    HorizonConfig,
     Judge,
     LearnedReachability,
     Reachability,
@@ -28,15 +29,15 @@ from sprl_baselines.reachability import (
 )
 from sprl_baselines.rollout import Rollout
 
+CHUNK = 8  # lengths judged at a time: few enough to stop early, enough to fill a batch
+
 
 @dataclass(frozen=True)
-class ConstraintConfig(Config):
+class ConstraintConfig(HorizonConfig):
     """Hyperparameters of the cost; those of the grids are the defaults."""
 
-    k: Count = 2  # the constraint looks at stretches longer than this (Table 1)
-    tolerance: Count = 1  # difference in length between stretches that vote (Table 1)
-    tolerance_samples: Count = 60  # stretches that vote (Table 1)
-    vote_quantile: Share = 0.9  # this quantile of the votes, as many as there are stretches, decides (appendix E.3)
+    tolerance_samples: Count = 60  # lengths that vote: k + tolerance, k + 2 tolerance, ... (Table 1)
+    vote_quantile: Share = 0.9  # this quantile of the votes decides (appendix E.3)
     cost_scale: Weight = 0.002  # weight of the whole bonus (Table 1)
     bias: float = 0.5  # what a step earns before its cost is taken off
 
@@ -47,30 +48,38 @@ class SPRLConfig(ConstraintConfig, ReachabilityConfig):
 
 
 class SPRL:
-    """The cost of violations that a learned network finds. It pays nothing until the network may be trusted."""
+    """The cost of violations of the constraint, as far as reachability finds them; nothing before that is ready.
 
-    privileged: ClassVar[bool] = False
+    Args:
+        setting: Where it works.
+        config: Hyperparameters of the cost.
+        reachability: Tells what lies within k steps.
+    """
 
-    def __init__(self, setting: Setting, config: SPRLConfig) -> None:
-        self._begin(setting, config, LearnedReachability(setting, config))
-
-    def _begin(self, setting: Setting, config: ConstraintConfig, reachability: Reachability) -> None:
+    def __init__(self, setting: Setting, config: ConstraintConfig, reachability: Reachability) -> None:
         self.config, self.reachability = config, reachability
-        lengths = torch.arange(1, config.tolerance_samples + 1) * config.tolerance + config.k
-        self._lengths = lengths.to(setting.device)  # [J] of the stretches
+        self.privileged = reachability.privileged
+        lengths = config.k + config.tolerance * torch.arange(1, config.tolerance_samples + 1)
+        self._lengths = lengths.to(setting.device)  # [J]
         self._needed = votes_needed(config.tolerance_samples, config.vote_quantile)
-        self._recent = torch.empty(
-            0
-        )  # [M, N, ...] states before the next one, as many as the longest stretch has steps
-        self._runs = torch.zeros(
-            setting.num_envs, dtype=torch.int64, device=setting.device
-        )  # [N] steps in the open one
-        self._violations = 0.0
+        self._recent = torch.empty(0)  # [M, N, ...] the last states, as many as the longest stretch has steps
+        self._runs = torch.zeros(setting.num_envs, dtype=torch.int64, device=setting.device)  # [N] steps since a cut
+        self._violations = 0.0  # share of the last rollout's steps
+
+    @classmethod
+    def learned(cls, setting: Setting, config: SPRLConfig) -> SPRL:
+        """Let a network find the violations."""
+        return cls(setting, config, LearnedReachability(setting, config))
+
+    @classmethod
+    def true(cls, setting: Setting, config: ConstraintConfig) -> SPRL:
+        """Search for them on the grid's full state, from the first step on (appendix B.2)."""
+        return cls(setting, config, GroundTruth(setting.observation_space, config.k))
 
     def reward(self, rollout: Rollout) -> Tensor:
         """Return cost_scale * (bias - cost) for each step, `[T, N]`."""
         states = self._remembered(rollout)
-        runs = _unbroken_runs(self._runs, rollout.ended | (rollout.rewards != 0))
+        runs = _runs(self._runs, rollout.cuts)
         longest = int(self._lengths[-1])
         self._recent, self._runs = states[-1 - longest : -1].clone(), runs[-1]
         if not self.reachability.ready:
@@ -122,33 +131,20 @@ class SPRL:
         self.reachability.load_state_dict(state["reachability"])
 
 
-class GroundTruthSPRL(SPRL):
-    """The same cost by exact search on the grid's full state, from the first step on (appendix B.2)."""
-
-    privileged: ClassVar[bool] = True
-
-    def __init__(self, setting: Setting, config: ConstraintConfig) -> None:
-        self._begin(setting, config, GroundTruth(setting.observation_space, config.k))
-
-
 def votes_needed(samples: int, quantile: float) -> int:
     """Return how many of the votes must say yes for their quantile, the nearest one by rank, to say so."""
     return samples - round(quantile * (samples - 1))
 
 
-def _unbroken_runs(before: Tensor, broken: Tensor) -> Tensor:
-    """Return the steps since the last break, up to and including each step, `[T, N]`; 0 at a break.
+def _runs(before: Tensor, cuts: Tensor) -> Tensor:
+    """Return the steps since the last cut, up to and including each step, `[T, N]`; 0 at a cut.
 
     Args:
         before: The same up to the first of these steps, `[N]`.
-        broken: Whether the step ended an episode or was rewarded, `[T, N]` bool.
+        cuts: Whether the step ended an episode or was rewarded, `[T, N]` bool.
     """
-    steps = torch.arange(1, len(broken) + 1, device=broken.device).unsqueeze(1)
-    last_breaks = torch.where(broken, steps, -before).cummax(dim=0).values
-    return steps - last_breaks
-
-
-CHUNK = 8  # lengths that are judged at a time
+    steps = torch.arange(1, len(cuts) + 1, device=cuts.device).unsqueeze(1)
+    return steps - torch.where(cuts, steps, -before).cummax(dim=0).values
 
 
 def count_votes(judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, stride: int, needed: int) -> Tensor:

@@ -26,6 +26,9 @@ def restore(network: nn.Module, optimizer: Optimizer, generator: torch.Generator
     """Put all three back into such a state; the optimizer keeps its own settings."""
     network.load_state_dict(state["network"])
     groups = optimizer.state_dict()["param_groups"]
-    moments = {int(index): dict(moment) for index, moment in state["optimizer"].items()}
+    moments = {
+        int(index): {name: value.clone() for name, value in moment.items()}  # Adam would go on in the state's own
+        for index, moment in state["optimizer"].items()
+    }
     optimizer.load_state_dict({"state": moments, "param_groups": groups})
     generator.set_state(state["generator"].cpu())

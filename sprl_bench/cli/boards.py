@@ -91,7 +91,9 @@ def compare(
     task: Annotated[
         list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")
     ] = None,
-    form: Annotated[str, typer.Option("--format", help="rich, md, latex or json.")] = "rich",
+    form: Annotated[
+        str | None, typer.Option("--format", help="rich, md, latex or json; by default as the file's name ends.")
+    ] = None,
     output: Output = None,
 ) -> None:
     """Compare runs with entries: the difference of mean AUC with its interval, paired by task."""

@@ -40,7 +40,8 @@ def video(
     """Film episodes of an environment under a policy, or under what an agent has learned in a run."""
     from sprl_bench.video import record_video
 
-    find_modules_here()
+    if ":" in (policy or "") or run is not None:
+        find_modules_here()
     filmed = record_video(
         env_id,
         output,

@@ -98,7 +98,7 @@ def choose_format(form: str | None, output: Path | None, allowed: Collection[str
     Raises:
         ValueError: It is not allowed; the message lists what is.
     """
-    chosen = form or SUFFIXES.get(output.suffix if output else "", "rich")
+    chosen = form or SUFFIXES.get(output.suffix.lower() if output else "", "rich")
     check_choice("format", chosen, allowed)
     return chosen
 

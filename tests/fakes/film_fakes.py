@@ -25,7 +25,7 @@ class Actor(ResumableWalker):
     def weights(self) -> dict[str, Any]:
         return self.state_dict()
 
-    def policy(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], int]:
+    def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Callable[[Any], int]:
         assert action_space.n == 7
         return lambda _observation: FORWARD if self._updates > 0 else TURN_LEFT
 

@@ -7,13 +7,13 @@ reaches itself: standing still is no progress.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
-import numpy as np
 import torch
-from gymnasium import Space, spaces
+from gymnasium import Space
 from torch import Tensor
 
+from sprl_baselines.grids import grid_shape
 from sprl_baselines.reachability.pairs import Judge
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
@@ -30,11 +30,12 @@ class GroundTruth:
         ValueError: The observations are no grids, so there is no full state to search.
     """
 
+    privileged: ClassVar[bool] = True
     ready = True
 
     def __init__(self, observation_space: Space[Any], k: int) -> None:
-        match observation_space:
-            case spaces.Box(shape=(_, _, 3), dtype=np.uint8):
+        match grid_shape(observation_space):
+            case (height, width, 1) if height == width:
                 self._k = k
             case _:
                 raise ValueError(
@@ -42,7 +43,7 @@ class GroundTruth:
                     f"these are in {observation_space}."
                 )
 
-    def judge(self, states: Tensor) -> Judge:
+    def judge_of(self, states: Tensor) -> Judge:
         """Return what searches from one of D states `[D, S, S, 3]` to another, as 0 or 1."""
         grids = states.cpu().numpy()
 

@@ -4,54 +4,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any, ClassVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, Weight
-from sprl_baselines.networks import GRID_ENCODINGS
-from sprl_baselines.reachability.network import PAIR_INPUTS, reachability_network
+from sprl_baselines.reachability.config import ReachabilityConfig
+from sprl_baselines.reachability.network import reachability_network
 from sprl_baselines.reachability.pairs import Judge
 from sprl_baselines.reachability.replay import Replay
-from sprl_baselines.reachability.triplets import NEGATIVES, Triplets, accuracy_ranges, scatter, training_ranges, walk
+from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scatter, training_ranges, walk
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.training_state import restore, saved
-
-
-@dataclass(frozen=True)
-class ReachabilityConfig(Config):
-    """Hyperparameters of the reachability network; those of the grids are the defaults."""
-
-    k: Count = 2  # steps within which a state counts as reached (Table 1)
-    tolerance: Count = 1  # steps between two states that are compared with the same later one (Table 1)
-    positive_bias: Count = 5  # the next anchor is drawn from as many steps after the positive (Table 1)
-    negative_bias: Annotated[int, Range(0)] = (
-        20  # a negative lies at least k and as many steps after its anchor (Table 1)
-    )
-    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # how far negatives may lie (Algorithm 1)
-    replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
-    train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
-    later_from: Annotated[int, Range(0)] = 0  # env steps after which `train_every_later` holds; 0 for never
-    train_every_later: Count = 12_000  # env steps between two trainings from then on
-    last_from: Annotated[int, Range(0)] = 0  # env steps after which `train_every_last` holds; 0 for never
-    train_every_last: Count = 36_000  # env steps between two trainings from then on
-    max_pairs: Count = 30_000  # pairs in a training at most
-    pair_batch: Annotated[int, Range(4)] = 128  # pairs in a gradient step, half of them positive
-    reachability_learning_rate: Positive = 0.0003  # Adam's step size
-    weight_decay: Weight = 0.0  # pull of all parameters towards 0 (appendix F.3)
-    label_smoothing: Share = 0.0  # targets are as far apart as 1 minus this (appendix F.3)
-    pair_input: Annotated[str, Choice(*PAIR_INPUTS)] = "pair"  # both states, or the later and the "difference" (F.4)
-    embedding_units: Count = 128  # features of a state on its own (grids)
-    head_layers: Count = 2  # hidden layers of the head
-    head_units: Count = 128  # width of each
-    reachability_grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"  # as the policy's `grid_encoding`
-    ready_trainings: Count = 20  # trainings whose mean accuracy decides whether the network may be trusted
-    ready_accuracy: Share = 0.75  # what that mean must exceed, once
-    accuracy_pairs: Count = 15_000  # positives, and as many negatives, that accuracy is measured on (appendix B.1)
 
 
 class LearnedReachability:
@@ -59,9 +25,20 @@ class LearnedReachability:
 
     Its accuracy is measured as in appendix B.1, on the steps that have come in since the last training: before the
     network learns from them.
+
+    Raises:
+        ValueError: There is no network for the observations, or the replay is too short to hold a negative.
     """
 
+    privileged: ClassVar[bool] = False
+
     def __init__(self, setting: Setting, config: ReachabilityConfig) -> None:
+        self._replay = Replay(config.replay_size, setting.num_envs)
+        if self._replay.capacity <= config.k + config.negative_bias:
+            raise ValueError(
+                f"Hyperparameter replay_size={config.replay_size} must be more than (k + negative_bias) * num_envs, "
+                f"{(config.k + config.negative_bias) * setting.num_envs}: else there are no negatives."
+            )
         self.config = config
         self._device = setting.device
         self._generator = torch.Generator().manual_seed(setting.seed)
@@ -76,12 +53,8 @@ class LearnedReachability:
         ).to(setting.device)
         self.network.eval()
         self._optimizer = torch.optim.Adam(
-            self.network.parameters(),
-            lr=config.reachability_learning_rate,
-            weight_decay=config.weight_decay,
-            fused=True,
+            _decaying_weights(self.network, config.weight_decay), lr=config.reachability_learning_rate, fused=True
         )
-        self._replay = Replay(config.replay_size, setting.num_envs)
         self._accuracies: deque[float] = deque(maxlen=config.ready_trainings)
         self._ready = False
         self._steps = 0  # env steps seen
@@ -93,27 +66,27 @@ class LearnedReachability:
         """Whether the mean accuracy of so many trainings was once high enough."""
         return self._ready
 
-    def judge(self, states: Tensor) -> Judge:
+    def judge_of(self, states: Tensor) -> Judge:
         """Look at D states `[D, ...]` once, and return what judges pairs of them."""
         with torch.inference_mode():
-            projections = self.network.project(states)
+            compare = self.network(states)
 
         def judge(earlier: Tensor, later: Tensor) -> Tensor:
             with torch.inference_mode():
-                logits = self.network.judge(projections.earlier[earlier], projections.later[later])
+                logits: Tensor = compare(earlier, later)
                 return logits.sigmoid()
 
         return judge
 
     def update(self, rollout: Rollout) -> dict[str, float]:
         """Remember the rollout, and train where a training is due."""
-        self._replay.append(rollout.observations, rollout.ended | (rollout.rewards != 0))
+        self._replay.append(rollout.observations, rollout.cuts)
         self._steps += rollout.num_steps
         self._fresh_rows += len(rollout.rewards)
         half_full = 2 * self._replay.rows > self._replay.capacity
         if not half_full or self._steps - self._trained_at < self._interval():
             return {}
-        accuracy = self._accuracy()
+        accuracy = self._held_out_accuracy()
         triplets = self._draw()
         self._trained_at, self._fresh_rows = self._steps, 0
         return {**accuracy, **self._train(triplets), "reachability_ready": float(self._ready)}
@@ -137,8 +110,9 @@ class LearnedReachability:
     def _train(self, triplets: Triplets) -> dict[str, float]:
         """Go through the triplets once; do nothing where they do not fill a batch."""
         batches = list(self._batches(triplets))
+        count = float(len(triplets.anchors))
         if not batches:
-            return {"reachability_triplets": 0.0}
+            return {"reachability_triplets": count}
         self.network.train()
         steps = torch.stack([self._gradient_step(batch) for batch in batches])
         self.network.eval()
@@ -147,7 +121,7 @@ class LearnedReachability:
         enough = len(self._accuracies) == self.config.ready_trainings
         self._ready |= enough and sum(self._accuracies) / len(self._accuracies) > self.config.ready_accuracy
         return {
-            "reachability_triplets": float(len(triplets.anchors)),
+            "reachability_triplets": count,
             "reachability_loss": loss,
             "reachability_training_accuracy": accuracy,
         }
@@ -166,18 +140,17 @@ class LearnedReachability:
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self._optimizer.step()
-        return torch.stack((loss.detach(), _accuracy(logits, labels)))
+        return torch.stack((loss.detach(), _share_right(logits, labels)))
 
     def _logits(self, triplets: Triplets) -> tuple[Tensor, Tensor]:
         """Judge the pairs (anchor, positive) and (anchor, negative): logits and labels, `[2 P]` each."""
         places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
-        projections = self.network.project(self._replay.take(places))
+        compare = self.network(self._replay.take(places))
         anchors, positives, negatives = indices.to(self._device).chunk(3)
-        earlier, later = projections.earlier[anchors], projections.later[torch.cat((positives, negatives))]
-        logits = self.network.judge(torch.cat((earlier, earlier)), later)
+        logits = compare(torch.cat((anchors, anchors)), torch.cat((positives, negatives)))
         return logits, (torch.arange(len(logits), device=logits.device) < len(anchors)).float()
 
-    def _accuracy(self) -> dict[str, float]:
+    def _held_out_accuracy(self) -> dict[str, float]:
         """Measure the share of right answers on steps not yet trained on; nothing where they hold no such pairs."""
         ranges = accuracy_ranges(self.config.k, self.config.tolerance, self.config.negative_bias)
         triplets = scatter(
@@ -186,7 +159,7 @@ class LearnedReachability:
         if not len(triplets.anchors):
             return {}
         with torch.inference_mode():
-            return {"reachability_accuracy": float(_accuracy(*self._logits(triplets)))}
+            return {"reachability_accuracy": float(_share_right(*self._logits(triplets)))}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the network, how it learns, what it remembers, and whether it is ready."""
@@ -203,7 +176,7 @@ class LearnedReachability:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such a state."""
         restore(self.network, self._optimizer, self._generator, state)
-        self._replay.load_state_dict({name: value.to(self._device) for name, value in state["replay"].items()})
+        self._replay.load_state_dict(state["replay"], self._device)
         self._accuracies.clear()
         self._accuracies.extend(state["accuracies"].tolist())
         self._ready = bool(state["ready"])
@@ -211,6 +184,13 @@ class LearnedReachability:
         self._fresh_rows = int(state["fresh_rows"])
 
 
-def _accuracy(logits: Tensor, labels: Tensor) -> Tensor:
+def _share_right(logits: Tensor, labels: Tensor) -> Tensor:
     """Return the share of pairs whose answer, yes where the logit is positive, is right."""
     return ((logits.detach() > 0) == (labels > 0.5)).float().mean()
+
+
+def _decaying_weights(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
+    """Return all parameters, those apart that decay: not biases, nor the scales of batch normalisation."""
+    matrices = [parameter for parameter in network.parameters() if parameter.ndim > 1]
+    others = [parameter for parameter in network.parameters() if parameter.ndim <= 1]
+    return [{"params": matrices, "weight_decay": weight_decay}, {"params": others}]

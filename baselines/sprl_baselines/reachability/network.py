@@ -1,43 +1,38 @@
 """The network that judges pairs: what each state looks like alone, and a head over two of them.
 
 Grids: the policy's three convolutions (appendix D.3) and a fully connected layer for each state, then a head; the paper
-does not say what it used there. Flat observations: the head alone (appendix G.4). The head's first layer is linear, so
-it is computed for each state rather than for each pair, and a pair is a sum.
+does not say what it used there. Flat observations: the head alone (appendix G.4).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
-from math import prod
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
 import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
 
+from sprl_baselines.grids import grid_shape
 from sprl_baselines.networks import HIDDEN_GAIN, VALUE_GAIN, ToFloat, grid_convolutions, linear
 
 PAIR_INPUTS = ("pair", "difference")
 
-
-class Projections(NamedTuple):
-    """The head's first layer for B states, `[B, H]`: as the earlier of a pair, and as the later."""
-
-    earlier: Tensor
-    later: Tensor
+Comparison = Callable[[Tensor, Tensor], Tensor]
+"""Takes indices `[P]` of earlier and of later states, and returns logits `[P]`."""
 
 
 class ReachabilityNetwork(nn.Module):
     """Says how likely it is that the first of two states leads to the second within k steps.
 
     Args:
-        embedding: What turns B states into `[B, E]`.
+        embedding: What turns B states, of the environment's dtype or differences of such, into `[B, E]`.
         features: E.
         layers: Hidden layers of the head.
         units: Width H of each.
-        pair_input: "pair" for both states; "difference" for the later one and its difference from the earlier
-            (appendix F.4).
+        pair_input: "pair" for both states; "difference" for the later one and, in place of the earlier, its difference
+            from it, cell by cell or number by number (appendix F.4).
         generator: Source of the initial parameters, on the CPU.
     """
 
@@ -62,17 +57,30 @@ class ReachabilityNetwork(nn.Module):
         ]
         self.rest = nn.Sequential(*hidden, nn.BatchNorm1d(units), nn.ReLU(), linear(units, 1, VALUE_GAIN, generator))
 
-    def project(self, states: Tensor) -> Projections:
-        """Compute all that concerns one state alone."""
-        features = self.embedding(states)
-        one, other = self.first.weight.chunk(2, dim=1)
-        if self.difference:  # first(later, later - earlier)
-            return Projections(-features @ other.T, features @ (one + other).T + self.first.bias)
-        return Projections(features @ one.T, features @ other.T + self.first.bias)
+    def forward(self, states: Tensor) -> Comparison:
+        """Look at D states `[D, ...]` once, and return what compares pairs of them."""
+        return self._differences(states) if self.difference else self._pairs(states)
 
-    def judge(self, earlier: Tensor, later: Tensor) -> Tensor:
-        """Return logits `[P]` of P pairs, from the projections of their states, `[P, H]` each."""
-        logits: Tensor = self.rest(earlier + later).squeeze(-1)
+    def _pairs(self, states: Tensor) -> Comparison:
+        """Compute the head's first layer state by state: it is linear, so a pair is a sum."""
+        features = self.embedding(states)
+        as_earlier, as_later = (features @ weight.T for weight in self.first.weight.chunk(2, dim=1))
+
+        def logits(earlier: Tensor, later: Tensor) -> Tensor:
+            found: Tensor = self.rest(as_earlier[earlier] + as_later[later] + self.first.bias).squeeze(-1)
+            return found
+
+        return logits
+
+    def _differences(self, states: Tensor) -> Comparison:
+        """Embed the difference of every pair anew: nothing about it is known from the states alone."""
+        features = self.embedding(states)
+
+        def logits(earlier: Tensor, later: Tensor) -> Tensor:
+            change = self.embedding(states[later].float() - states[earlier].float())
+            found: Tensor = self.rest(self.first(torch.cat((features[later], change), dim=1))).squeeze(-1)
+            return found
+
         return logits
 
 
@@ -91,16 +99,14 @@ def reachability_network(
     Raises:
         ValueError: There is no network for such observations.
     """
-    match observation_space:
-        case spaces.Box(shape=(height, width, 3), dtype=np.uint8):
-            convolutions, features = grid_convolutions(height, width, grid_encoding, generator)
-            dense = linear(features, embedding_units, HIDDEN_GAIN, generator)
-            embedding = nn.Sequential(*convolutions, dense, nn.ReLU())
-            size = embedding_units
-        case spaces.Box(shape=(_,)):
-            embedding, size = nn.Sequential(ToFloat()), prod(observation_space.shape)
-        case _:
-            raise ValueError(
-                f"No reachability network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box."
-            )
+    if grid := grid_shape(observation_space):
+        convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
+        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, HIDDEN_GAIN, generator), nn.ReLU())
+        size = embedding_units
+    elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
+        embedding, size = nn.Sequential(ToFloat()), observation_space.shape[0]
+    else:
+        raise ValueError(
+            f"No reachability network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box."
+        )
     return ReachabilityNetwork(embedding, size, layers=layers, units=units, pair_input=pair_input, generator=generator)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
@@ -17,11 +17,13 @@ Judge = Callable[[Tensor, Tensor], Tensor]
 class Reachability(Protocol):
     """Says whether one state leads to another within k steps. The order matters: some steps cannot be undone."""
 
+    privileged: ClassVar[bool]  # whether it sees what an ordinary agent does not
+
     @property
     def ready(self) -> bool:
         """Whether it may be trusted yet; once true, always true."""
 
-    def judge(self, states: Tensor) -> Judge:
+    def judge_of(self, states: Tensor) -> Judge:
         """Look at D states `[D, ...]` once, and return what judges pairs of them."""
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
@@ -37,7 +39,7 @@ class Reachability(Protocol):
 def judge_pairs(reachability: Reachability, states: Tensor) -> Judge:
     """Return a judge of pairs among B states `[B, ...]`, which may repeat, as grid worlds' states often do."""
     distinct_states, places = distinct(states)
-    judge, count = reachability.judge(distinct_states), len(distinct_states)
+    judge, count = reachability.judge_of(distinct_states), len(distinct_states)
 
     def judge_repeated(earlier: Tensor, later: Tensor) -> Tensor:
         pairs = places[earlier] * count + places[later]

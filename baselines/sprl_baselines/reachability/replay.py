@@ -17,7 +17,7 @@ class Segments(NamedTuple):
 
 
 class Replay:
-    """The last `size` states of N sub-envs, in the environment's own dtype.
+    """The last `size` states of N sub-envs, in the environment's own dtype, in a ring.
 
     A state's place is sub-env x rows + row, rows counted from the oldest, so successive states have successive places.
 
@@ -28,13 +28,10 @@ class Replay:
 
     def __init__(self, size: int, num_envs: int) -> None:
         self.capacity = max(size // num_envs, 1)  # rows
-        self._states = torch.empty(0)  # [N, R, ...]
-        self._cuts = torch.empty(num_envs, 0, dtype=torch.bool)  # [N, R]
-
-    @property
-    def rows(self) -> int:
-        """States of each sub-env."""
-        return self._cuts.shape[1]
+        self.rows = 0  # states of each sub-env
+        self._next = 0  # where in the ring the next row goes; the oldest is there once the ring is full
+        self._states = torch.empty(0)  # [R, N, ...]
+        self._cuts = torch.zeros(self.capacity, num_envs, dtype=torch.bool)  # [R, N], on the CPU
 
     def append(self, states: Tensor, cuts: Tensor) -> None:
         """Take in T more steps, and let go of the oldest.
@@ -43,35 +40,42 @@ class Replay:
             states: What was acted on, `[T, N, ...]`.
             cuts: Whether the step from it ended an episode or was rewarded, `[T, N]` bool.
         """
-        states, cuts = states.transpose(0, 1), cuts.transpose(0, 1)
-        if self.rows:
-            states, cuts = (
-                torch.cat((self._states, states), dim=1),
-                torch.cat((self._cuts.to(cuts.device), cuts), dim=1),
-            )
-        self._states = states[:, -self.capacity :].contiguous()
-        self._cuts = cuts[:, -self.capacity :].contiguous()
+        if not len(self._states):
+            self._states = states.new_zeros(self.capacity, *states.shape[1:])
+        states, cuts = states[-self.capacity :], cuts[-self.capacity :].cpu()
+        rows = (self._next + torch.arange(len(cuts))) % self.capacity
+        self._states[rows.to(states.device)] = states
+        self._cuts[rows] = cuts
+        self._next = (self._next + len(cuts)) % self.capacity
+        self.rows = min(self.rows + len(cuts), self.capacity)
 
     def take(self, places: Tensor) -> Tensor:
         """Return the states at these places, `[B, ...]`."""
-        return self._states.flatten(0, 1).index_select(0, places.to(self._states.device))
+        envs, rows = places // self.rows, self._in_ring(places % self.rows)
+        device = self._states.device
+        return self._states[rows.to(device), envs.to(device)]
+
+    def _in_ring(self, rows: Tensor) -> Tensor:
+        """Return where rows, counted from the oldest, lie in the ring."""
+        oldest = self._next if self.rows == self.capacity else 0
+        return (oldest + rows) % self.capacity
 
     def segments(self, newest: int | None = None) -> Segments:
         """Return all stretches, oldest first within a sub-env; of the newest rows alone if a number is given."""
-        cuts = self._cuts.cpu().clone()
         first = 0 if newest is None else max(self.rows - newest, 0)
-        cuts[:, -1] = True
-        ends = cuts.flatten().nonzero().squeeze(1)
+        cuts = self._cuts[self._in_ring(torch.arange(self.rows))]
+        cuts[-1] = True
+        ends = cuts.T.flatten().nonzero().squeeze(1)
         starts = torch.cat((ends.new_zeros(1), ends[:-1] + 1))
-        row_of_start, row_of_end = starts % self.rows, ends % self.rows
-        starts = starts + (first - row_of_start).clamp(min=0)
-        recent = row_of_end >= first
+        starts = starts + (first - starts % self.rows).clamp(min=0)
+        recent = ends % self.rows >= first
         return Segments(starts[recent], (ends - starts + 1)[recent])
 
     def state_dict(self) -> dict[str, Any]:
         """Return all states and cuts."""
-        return {"states": self._states.clone(), "cuts": self._cuts.clone()}
+        return {"states": self._states.clone(), "cuts": self._cuts.clone(), "rows": self.rows, "next": self._next}
 
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such states and cuts."""
-        self._states, self._cuts = state["states"], state["cuts"]
+    def load_state_dict(self, state: Mapping[str, Any], device: torch.device) -> None:
+        """Take such states, to where they are used, and cuts."""
+        self._states, self._cuts = state["states"].to(device, copy=True), state["cuts"].cpu().clone()
+        self.rows, self._next = int(state["rows"]), int(state["next"])

@@ -71,11 +71,13 @@ def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torc
 
 def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Triplets:
     """Draw `count` triplets whose anchors are uniform over all states with room for a negative, if there are any."""
-    room = (segments.lengths - ranges.negative[0]).clamp(min=0)
+    room = (segments.lengths - ranges.negative[0]).clamp(min=0)  # [S] anchors in each
+    before = room.cumsum(0) - room
     total = int(room.sum())
-    ranks = _uniform(torch.zeros(count if total else 0), torch.full((count if total else 0,), total - 1), generator)
+    first = torch.zeros(count if total else 0, dtype=torch.int64)
+    ranks = _uniform(first, first + total - 1, generator)
     rows = torch.searchsorted(room.cumsum(0), ranks, right=True)
-    anchors = ranks - (room.cumsum(0) - room)[rows]
+    anchors = ranks - before[rows]
     return _around(segments.starts[rows], segments.lengths[rows], anchors, ranges, generator)
 
 
