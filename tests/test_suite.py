@@ -306,12 +306,14 @@ def _environment_at_start(_: RunSpec) -> dict[str, str]:
 
 
 COMMAND = """
+import signal
 import sys
 from pathlib import Path
 from sprl_bench.executors import LocalExecutor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # where the tests run in the background, it is ignored
     specs = expand(find_suite("smoke"), ["harness_fakes:walker"], [0, 1], budget=6000, overrides={"pause_s": 1.0})
     run_suite(specs, Path(sys.argv[1]), executor=LocalExecutor(2))
 """
