@@ -164,8 +164,8 @@ def _trained(folder: Path) -> Actor:
     saved = [folder / name for name in (CHECKPOINT, WEIGHTS) if (folder / name).exists()]
     if not saved:
         raise UnplayableRunError(
-            f"{folder} has neither {CHECKPOINT}, which a run writes now and then, nor {WEIGHTS}, which it leaves in "
-            f"the end if its agent has a method policy()."
+            f"{folder} keeps nothing that agent {spec.agent!r} has learned: {WEIGHTS} is left by a finished run whose "
+            f"agent can show it, {CHECKPOINT} by an interrupted one."
         )
 
     def begin(env: Env, seed: int) -> Policy:

@@ -85,10 +85,10 @@ class _Overview:
 
     def summary(self) -> str:
         """Return one line."""
-        return (
-            f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps, "
-            f"{self.steps_per_second:,.0f} steps/s, {duration(self.seconds_left)} left"
-        )
+        done = f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps"
+        if self.finished == len(self.states):
+            return done
+        return f"{done}, {self.steps_per_second:,.0f} steps/s, {duration(self.seconds_left)} left"
 
 
 def _label(spec: RunSpec) -> str:

@@ -12,5 +12,5 @@ def unknown(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Return "Unknown KIND 'NAME'...", with the nearest allowed name and the whole list."""
     names = sorted(allowed)
     near = get_close_matches(name, names, n=1, cutoff=0.6)
-    hint = f"; did you mean {near[0]!r}?" if near else ";"
-    return f"Unknown {kind} {name!r}{hint} Allowed: {', '.join(names) or 'none'}."
+    hint = f"; did you mean {near[0]!r}? Allowed:" if near else "; allowed:"
+    return f"Unknown {kind} {name!r}{hint} {', '.join(names) or 'none'}."

@@ -55,7 +55,7 @@ class Suite:
         for task in self.tasks:
             if task.name == name:
                 return task
-        raise ValueError(unknown(f"task of suite {self.name!r}", name, [task.name for task in self.tasks]))
+        raise ValueError(unknown(f"task of suite {self.name!r}:", name, [task.name for task in self.tasks]))
 
 
 def _grid(name: str, budget: int) -> Task:

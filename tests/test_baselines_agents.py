@@ -346,7 +346,7 @@ def test_an_agent_that_no_preset_names_keeps_its_defaults() -> None:
 def test_unknown_domains_and_presets_are_refused() -> None:
     with pytest.raises(ValueError, match=r"Unknown domain 'gird'; did you mean 'grid'\?"):
         ppo.hyperparameters("gird", {})
-    with pytest.raises(ValueError, match=r"Unknown grid preset 'tabel'; did you mean 'table'\?"):
+    with pytest.raises(ValueError, match=r"Unknown preset of domain 'grid': 'tabel'; did you mean 'table'\?"):
         ppo.hyperparameters("grid", {"preset": "tabel"})
 
 

@@ -88,5 +88,7 @@ def test_every_network_of_the_fetch_tasks_is_that_of_appendix_g4() -> None:
     [("gt-grid", "fetch", "table"), ("gt-sprl", "atari", "table"), ("ppo", "grid", "ablation")],
 )
 def test_an_agent_without_such_a_preset_is_told_who_has_one(agent: str, domain: str, preset: str) -> None:
-    with pytest.raises(ValueError, match=f"Agent '{agent}' has no {domain} preset '{preset}'; there is one for .*sprl"):
+    with pytest.raises(
+        ValueError, match=rf"Agent '{agent}' has no settings for domain '{domain}' \(preset '{preset}'\); .*sprl"
+    ):
         AGENTS[agent].hyperparameters(domain, {"preset": preset})

@@ -136,7 +136,7 @@ def test_privileged_agents_are_marked() -> None:
         ({"seeds": [-1]}, "seed: "),
         ({"agents": [WALKER, "elsewhere:walker"]}, "agents holds 'walker' more than once"),
         ({"agents": ["pppo"]}, "Unknown agent 'pppo'; did you mean 'ppo'"),
-        ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke' 'FourRooms'; did you mean 'FourRooms-7x7'"),
+        ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke': 'FourRooms'; did you mean 'FourRooms-7x7'"),
         ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),
         ({"overrides": {"num_envs": 0}}, "num_envs: "),
         ({"overrides": {"num_envs": 2.5}}, "num_envs: "),

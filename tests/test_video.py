@@ -212,7 +212,7 @@ def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None
 def test_a_run_that_cannot_act_says_why(tmp_path: Path) -> None:
     finished = make_spec("walker", seed=1)
     run(finished, tmp_path)
-    with pytest.raises(UnplayableRunError, match=r"has neither checkpoint.safetensors.* nor weights.safetensors"):
+    with pytest.raises(UnplayableRunError, match=r"keeps nothing that agent 'walker' has learned: weights.safetensors"):
         find_actor(str(finished.path(tmp_path)))
     folder = interrupt(make_spec("walker"), tmp_path)
     env = gymnasium.make(GRID)
@@ -282,8 +282,8 @@ def test_the_command_films_and_tells_of_each_episode(
         ([GRID, "--run", "nowhere"], 1, "nowhere holds no run in SPRL/FourRooms-7x7-v1."),
         ([GRID, "--episodes", 0], 2, "--episodes"),
         ([GRID, "--seed", -1], 2, "--seed"),
-        ([GRID, "-o", "a.avi"], 2, "Unknown suffix of a video: '.avi'; Allowed: .gif, .mp4."),
-        ([GRID, "-o", "film"], 2, "Unknown suffix of a video: ''; Allowed: .gif, .mp4."),
+        ([GRID, "-o", "a.avi"], 2, "Unknown suffix of a video: '.avi'; allowed: .gif, .mp4."),
+        ([GRID, "-o", "film"], 2, "Unknown suffix of a video: ''; allowed: .gif, .mp4."),
         ([GRID, "-o", "folder.gif"], 1, "folder.gif: Is a directory."),
         ([GRID, "-o", "file/a.gif"], 1, "file: "),
     ],

@@ -70,7 +70,9 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
             ValueError: A seed is given where the environment has its own.
         """
         if seed is not None and self._seeded:
-            raise ValueError(f"seed is {seed!r}, but these environments are seeded by the run: call reset() without.")
+            raise ValueError(
+                f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed."
+            )
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)

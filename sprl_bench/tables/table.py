@@ -28,6 +28,7 @@ from sprl_bench.tables.results import (
 __all__ = ["BOOTSTRAP_SEED", "Cell", "Estimate", "Row", "Table", "tabulate", "tabulate_results"]
 
 BOOTSTRAP_SEED = 20210706
+REMEDY = "Allow missing runs (--allow-missing) to see what there is."
 """Seeds the generator of every interval that we show."""
 
 
@@ -112,21 +113,27 @@ def tabulate(
         if task not in names:
             raise ValueError(unknown("task among these runs:", task, names))
     chosen = names if tasks is None else set(tasks)
-    if not allow_missing:
-        _refuse_lost(complete, [spec for spec in wanted if tasks is None or spec.task.name in chosen])
-    return [
+    lost = _lost_tables(complete, [spec for spec in wanted if tasks is None or spec.task.name in chosen])
+    if lost and not allow_missing:
+        raise MissingRunsError(f"{lost} {REMEDY}")
+    tables = [
         tabulate_results(group, tasks=chosen, planned=wanted, allow_missing=allow_missing)
         for group in groups
         if chosen & set(task_names(group))
     ]
+    notes = (lost,) if lost else ()
+    return [*tables[:-1], tables[-1].model_copy(update={"notes": (*tables[-1].notes, *notes)})]
 
 
-def _refuse_lost(results: Sequence[Result], wanted: Iterable[RunSpec]) -> None:
-    """Refuse to leave out a whole table because none of its runs is finished."""
+def _lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
+    """Say which tables are left out as a whole because none of their runs is finished; nothing where none is."""
     there = {table_of(result.suite, result.task.name) for result in results}
-    lost = sorted({table_of(spec.suite, spec.task.name) for spec in wanted} - there)
-    if lost:
-        raise MissingRunsError(f"No run is finished of {', '.join(lost)}.")
+    lost = [spec for spec in wanted if table_of(spec.suite, spec.task.name) not in there]
+    if not lost:
+        return ""
+    names = sorted({table_of(spec.suite, spec.task.name) for spec in lost})
+    holes = sorted({Hole(spec.agent, spec.task.name, spec.seed) for spec in lost}, key=str)
+    return f"No run is finished of {', '.join(names)}; {describe_holes(holes)}."
 
 
 def tabulate_results(
@@ -145,7 +152,7 @@ def tabulate_results(
     wanted = list(planned)
     holes = find_holes(shown, wanted, names)
     if holes and not allow_missing:
-        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}.")
+        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}. {REMEDY}")
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)

@@ -21,10 +21,11 @@ def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
         raise ValueError(unknown("domain", domain, DOMAINS))
     presets = DOMAINS[domain]
     if name not in presets:
-        raise ValueError(unknown(f"{domain} preset", name, presets))
+        raise ValueError(unknown(f"preset of domain {domain!r}:", name, presets))
     if agent not in presets[name] and agent in _agents():
         raise ValueError(
-            f"Agent {agent!r} has no {domain} preset {name!r}; there is one for {', '.join(presets[name])}."
+            f"Agent {agent!r} has no settings for domain {domain!r} (preset {name!r}); "
+            f"those that have: {', '.join(presets[name])}."
         )
     return presets[name].get(agent, {})
 
