@@ -114,6 +114,7 @@ def _sb3(num_threads: int) -> Contender:
             self.wide = nn.Linear(CELLS * 16, WIDTH)
 
         def forward(self, images: torch.Tensor) -> torch.Tensor:
+            """`[B, 3, 7, 7]` -> `[B, 512]`."""
             images = images / self.scale
             for convolution in self.convolutions:
                 images = convolution(functional.pad(images, (0, 1, 0, 1)))

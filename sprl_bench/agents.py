@@ -18,8 +18,8 @@ from gymnasium.vector import VectorEnv
 from sprl_bench.suggestions import unknown
 
 __all__ = [
-    "Agent", "AgentFactory", "Playable", "Policy", "Resumable", "agent_names", "has_hyperparameter", "load_factory",
-    "resolve_hyperparameters",
+    "Agent", "AgentFactory", "Playable", "Policy", "Resumable", "agent_names", "has_hyperparameter", "load_attribute",
+    "load_factory", "resolve_hyperparameters",
 ]  # fmt: skip
 
 GROUP = "sprl_bench.agents"
@@ -97,14 +97,19 @@ def load_factory(name: str) -> AgentFactory:
         ModuleNotFoundError: The module, or something that it needs, is not installed.
     """
     target = name if ":" in name else _installed(name)
-    module, _, attribute = target.partition(":")
-    factory: Any = importlib.import_module(module)
-    for part in attribute.split("."):
-        factory = getattr(factory, part, None)
+    factory: AgentFactory = load_attribute(target)
     if not callable(factory):
         raise ValueError(f"Agent {name!r}: {target!r} is not a callable factory.")
-    made: AgentFactory = factory
-    return made
+    return factory
+
+
+def load_attribute(target: str) -> Any:
+    """Return what "module:attribute" names, or None where the module has no such attribute."""
+    module, _, attribute = target.partition(":")
+    found: Any = importlib.import_module(module)
+    for part in attribute.split("."):
+        found = getattr(found, part, None)
+    return found
 
 
 def _installed(name: str) -> str:
@@ -146,6 +151,7 @@ def _from_signature(factory: AgentFactory) -> Callable[..., dict[str, Any]]:
     takes_any = inspect.Parameter.VAR_KEYWORD in kinds
 
     def resolve(_domain: str, overrides: dict[str, Any]) -> dict[str, Any]:
+        """Return the defaults in the signature under the overrides, whatever the domain."""
         for name in overrides:
             if name not in known and not takes_any:
                 raise ValueError(unknown("hyperparameter", name, known))

@@ -6,7 +6,6 @@ in a run. The agent itself says how it acts (`sprl_bench.agents.Playable`); noth
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sprl_bench import checkpoint
-from sprl_bench.agents import Playable, Policy, load_factory
+from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS
 from sprl_bench.recorder.folder import CHECKPOINT, SPEC, WEIGHTS
 from sprl_bench.records import RunSpec, read
@@ -82,13 +81,9 @@ def _given(policy: Policy) -> Actor:
 
 
 def _import(name: str) -> Policy:
-    module, _, attribute = name.partition(":")
-    found: Any = importlib.import_module(module)
-    for part in attribute.split("."):
-        found = getattr(found, part, None)
-    if not callable(found):
+    policy: Policy = load_attribute(name)
+    if not callable(policy):
         raise ValueError(f"Policy {name!r} is not a function that takes an observation and returns an action.")
-    policy: Policy = found
     return policy
 
 

@@ -45,7 +45,9 @@ def decode(path: Path) -> tuple[bytes, str]:
     return done.stdout, done.stderr.decode()
 
 
-@pytest.fixture
+@pytest.fixture(
+    scope="session"
+)  # before any capture: on its first import Gymnasium-Robotics prints a notice of its own
 def fetch() -> None:
     pytest.importorskip("mujoco")
     pytest.importorskip("gymnasium_robotics")
