@@ -1,11 +1,15 @@
 """What each bonus costs: the steps a second of every reference agent over those of plain PPO, on the same task.
 
-A turn is two rollouts and updates, and so one training of a reachability network. Before the first one that is timed,
-each agent has filled its replay, and its network is trusted from its first training on, for this alone: it then does
-all the work that it will ever do.
+Every bonus is computed in full but weighs nothing, so all agents live through the very steps that PPO does: what
+differs is the bonus's own work. A turn is two rollouts and updates, and so one training of a reachability network.
+Before the first one that is timed, each agent has filled its replay, and its network is trusted from its first training
+on, for this alone: it then does all the work that it will ever do.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium
 import torch
@@ -20,6 +24,14 @@ __all__ = ["main", "rows"]
 TASK = "SPRL/FourRooms-7x7-v1"
 TIMES = {"gt-grid": 1.05, "icm": 1.6, "gt-sprl": 2.0, "sprl": 2.0, "eco": 2.5}  # of PPO's time, at most
 TRUSTED = {"ready_trainings": 1, "ready_accuracy": 0.0}
+SAME_STEPS: Mapping[str, Mapping[str, Any]] = {
+    "ppo": {},
+    "gt-grid": {"bonus_weight": 0.0},
+    "icm": {"bonus_weight": 0.0},
+    "gt-sprl": {"cost_scale": 0.0, "learning_rate": 0.003},  # PPO's
+    "sprl": {"cost_scale": 0.0, "learning_rate": 0.003, **TRUSTED},
+    "eco": {"bonus_weight": 0.0, **TRUSTED},
+}
 WARM_UP, TURN, REPEATS, NUM_THREADS = 20, 2, 7, 1  # updates, updates, turns
 
 
@@ -42,7 +54,7 @@ def _against_ppo(agent: str, times: float) -> Row:
 
 def _turns(agent: str) -> Contender:
     factory = load_factory(agent)
-    settings = factory.hyperparameters("grid", TRUSTED if agent in ("eco", "sprl") else {})  # type: ignore[attr-defined]
+    settings = factory.hyperparameters("grid", SAME_STEPS[agent])  # type: ignore[attr-defined]
     envs = gymnasium.make_vec(TASK, num_envs=settings["num_envs"], num_threads=1)
     envs.reset(seed=0)
     updates = factory(seed=0, **settings).train(envs, budget=10**9)

@@ -13,7 +13,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from sprl_baselines.bonus import Setting
 from sprl_baselines.reachability.config import ReachabilityConfig
 from sprl_baselines.reachability.network import reachability_network
-from sprl_baselines.reachability.pairs import Judge
+from sprl_baselines.reachability.pairs import Judge, judge_pairs
 from sprl_baselines.reachability.replay import Replay
 from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scatter, training_ranges, walk
 from sprl_baselines.rollout import Rollout
@@ -158,8 +158,11 @@ class LearnedReachability:
         )
         if not len(triplets.anchors):
             return {}
-        with torch.inference_mode():
-            return {"reachability_accuracy": float(_share_right(*self._logits(triplets)))}
+        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        judge = judge_pairs(self, self._replay.take(places))
+        anchors, positives, negatives = indices.to(self._device).chunk(3)
+        right = torch.cat((judge(anchors, positives) > 0.5, judge(anchors, negatives) <= 0.5))
+        return {"reachability_accuracy": float(right.float().mean())}
 
     def state_dict(self) -> dict[str, Any]:
         """Return the network, how it learns, what it remembers, and whether it is ready."""
