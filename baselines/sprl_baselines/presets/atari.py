@@ -10,6 +10,7 @@ NETWORK: Mapping[str, Any] = {
     "k": 12,
     "negative_bias": 80,
     "replay_size": 30_000,
+    "max_pairs": 30_000,  # as in the settings that the authors published
     "later_from": 1_000_000,  # appendix F.3, as all that follows
     "train_every_later": 150_000,
     "weight_decay": 0.03,

@@ -12,6 +12,7 @@ from typing import Any
 FRAME: Mapping[str, Any] = {"clip_range": 0.1, "anneal_clip_range": True, "anneal_learning_rate": True}
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {
+    "max_pairs": 30_000,  # as in the settings that the authors published
     "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M, 12K for another, then 36K
     "last_from": 2_000_000,
 }

@@ -13,6 +13,7 @@ NETWORK: Mapping[str, Any] = {
     "negative_bias": 12,
     "bias": 1.0,
     "replay_size": 30_000,  # appendix B.1
+    "max_pairs": 30_000,  # as in the settings that the authors published
     "accuracy_pairs": 7_500,  # appendix B.1
     "head_layers": 4,  # appendix G.4
     "head_units": 512,  # appendix G.4

@@ -34,7 +34,7 @@ class ReachabilityConfig(HorizonConfig):
     train_every_later: Count = 12_000  # env steps between two trainings from then on
     last_from: Whole = 0  # env steps after which `train_every_last` holds; 0 for never
     train_every_last: Count = 36_000  # env steps between two trainings from then on
-    max_pairs: Count = 30_000  # pairs in a training at most
+    max_pairs: Count = 8_000  # pairs in a training at most
     pair_batch: Annotated[int, Range(4)] = 128  # pairs in a gradient step, half of them positive
     reachability_learning_rate: Positive = 0.0003  # Adam's step size
     weight_decay: Weight = 0.0  # pull of all weights, but not of biases and normalisation, towards 0 (appendix F.3)
