@@ -88,6 +88,17 @@ def test_expand_resolves_the_presets_of_the_domain() -> None:
     assert spec.num_envs == spec.hyperparameters["num_envs"]
 
 
+def test_an_agent_with_another_preset_is_an_agent_of_its_own() -> None:
+    table, ablation = expand(SMOKE, ["sprl", "sprl@ablation"], [0])
+    assert (table.agent, ablation.agent) == ("sprl", "sprl@ablation")
+    assert (table.source, ablation.source) == ("sprl", "sprl")
+    assert (table.hyperparameters["k"], ablation.hyperparameters["k"]) == (2, 5)
+    (spec,) = expand(SMOKE, ["sprl"], [0], overrides={"preset": "ablation"})
+    assert (spec.agent, spec.hyperparameters) == ("sprl", ablation.hyperparameters)
+    (spec,) = expand(SMOKE, ["sprl@ablation"], [0], overrides={"k": 3})
+    assert spec.hyperparameters == {**ablation.hyperparameters, "k": 3}
+
+
 def test_expand_takes_some_tasks_only() -> None:
     specs = expand(find_suite("grid"), ["random"], [0], tasks=["KeyDoors-11x11"])
     assert [spec.task.name for spec in specs] == ["KeyDoors-11x11"]
@@ -135,6 +146,11 @@ def test_privileged_agents_are_marked() -> None:
         ({"seeds": []}, "seeds is empty"),
         ({"seeds": [-1]}, "seed: "),
         ({"agents": [WALKER, "elsewhere:walker"]}, "agents holds 'walker' more than once"),
+        ({"agents": ["sprl@ablation", "sprl@ablation"]}, "agents holds 'sprl@ablation' more than once"),
+        ({"agents": ["sprl@ablatoin"]}, "'ablatoin'; did you mean 'ablation'"),
+        ({"agents": ["spr@ablation"]}, "Unknown agent 'spr'; did you mean 'sprl'"),
+        ({"agents": [f"{WALKER}@table"]}, "Unknown hyperparameter 'preset'"),
+        ({"agents": ["sprl@ablation"], "overrides": {"preset": "table"}}, "preset is given twice: as @ablation"),
         ({"agents": ["pppo"]}, "Unknown agent 'pppo'; did you mean 'ppo'"),
         ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke': 'FourRooms'; did you mean 'FourRooms-7x7'"),
         ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),

@@ -23,7 +23,12 @@ __all__ = ["find_modules_here", "parse_seeds", "parse_settings", "run", "status"
 
 def run(
     suite: Annotated[str, typer.Option(help="The suite; see: sprl-bench list suites.")],
-    agents: Annotated[str, typer.Option(help="Agents, with commas between; your own is package.module:factory.")],
+    agents: Annotated[
+        str,
+        typer.Option(
+            help="Agents, with commas between; your own is package.module:factory. agent@preset takes another preset."
+        ),
+    ],
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
     out: Annotated[Path, typer.Option(help="The folder of all runs.")] = Path("runs"),
     task: Annotated[

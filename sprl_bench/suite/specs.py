@@ -38,7 +38,8 @@ def expand(
 
     Args:
         suite: Where the tasks are from.
-        agents: Names of installed agents, or "package.module:factory", named by its last part.
+        agents: Names of installed agents, or "package.module:factory", named by its last part; "@" and the name of a
+            preset may follow, and then belong to the agent's name.
         seeds: One run each.
         tasks: Names of some of the suite's tasks; by default all.
         budget: Environment steps, instead of each task's own.
@@ -78,7 +79,15 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
 
 
 def _agent_name(agent: str) -> str:
-    return agent.partition(":")[2].replace(".", "-") or agent
+    source, at, preset = agent.partition("@")
+    return (source.partition(":")[2].replace(".", "-") or source) + at + preset
+
+
+def _with_preset(preset: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the overrides with the preset that an agent's name asks for."""
+    if preset and "preset" in overrides:
+        raise ValueError(f"preset is given twice: as @{preset} behind an agent and as preset={overrides['preset']!r}.")
+    return {**overrides, "preset": preset} if preset else dict(overrides)
 
 
 def _resolve_device(device: str) -> str:
@@ -96,8 +105,9 @@ def _resolve_device(device: str) -> str:
 def _spec(
     suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], device: str, torch_threads: int
 ) -> RunSpec:
-    factory = load_factory(agent)
-    own = dict(overrides)
+    source, _, preset = agent.partition("@")
+    factory = load_factory(source)
+    own = _with_preset(preset, overrides)
     if not has_hyperparameter(factory, task.domain, "num_envs"):
         num_envs = own.pop("num_envs", NUM_ENVS)
         hyperparameters = resolve_hyperparameters(factory, task.domain, own)
@@ -109,7 +119,7 @@ def _spec(
         task,
         hyperparameters=hyperparameters,
         agent=_agent_name(agent),
-        source=agent,
+        source=source,
         privileged=getattr(factory, "privileged", False),
         seed=seed,
         num_envs=num_envs,
