@@ -299,6 +299,15 @@ def test_a_run_that_is_there_twice_is_refused(make_record: MakeRecord) -> None:
         tabulate([make_record(), make_record(level=0.6)])
 
 
+def test_other_numbers_of_sub_environments_are_said_aloud(make_record: MakeRecord) -> None:
+    few, many = make_record("ppo"), make_record("icm")
+    many = many.model_copy(update={"spec": many.spec.model_copy(update={"num_envs": 256})})
+    [table] = tabulate([few, many])
+    assert table.notes == (
+        "Different numbers of sub-environments, on which scores depend somewhat: 12 (ppo), 256 (icm).",
+    )
+
+
 def test_other_package_versions_are_said_aloud(make_record: MakeRecord) -> None:
     versions = {"numpy": "2.4.6", "torch": "2.13.0", "rich": "15.0"}
     records = [make_record("ppo", versions=versions), make_record("icm", versions={**versions, "numpy": "2.3"})]

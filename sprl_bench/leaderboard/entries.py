@@ -139,6 +139,7 @@ class Entry(Data):
                 agent=self.agent,
                 privileged=self.privileged,
                 seed=result.seed,
+                num_envs=entry.num_envs,
                 hyperparameters=entry.hyperparameters,
                 fingerprint=entry.fingerprint,
                 versions=self.versions,

@@ -65,6 +65,7 @@ class Result:
     agent: str
     privileged: bool
     seed: int
+    num_envs: int
     hyperparameters: Mapping[str, JsonValue]
     fingerprint: str
     versions: Mapping[str, str]
@@ -82,6 +83,7 @@ class Result:
             agent=spec.agent,
             privileged=spec.privileged,
             seed=spec.seed,
+            num_envs=spec.num_envs,
             hyperparameters=spec.hyperparameters,
             fingerprint=record.fingerprint,
             versions=record.versions,
@@ -156,7 +158,8 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
     """Check that these results of one suite may share a table.
 
     Returns:
-        Sentences on what differs and does not forbid it: package versions, and budgets other than the suite's own.
+        Sentences on what differs and does not forbid it: package versions, numbers of sub-environments, and budgets
+        other than the suite's own.
 
     Raises:
         IncomparableError: They differ in the suite's version, in a task's environment, arguments, budget or
@@ -176,7 +179,7 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
             _refuse_mixed(f"{where}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
             _refuse_twice(where, runs)
     notes = [f"Different versions of {package}: {text}." for package, text in version_differences(results).items()]
-    return notes + _suite_notes(results)
+    return [*notes, *_width_notes(results), *_suite_notes(results)]
 
 
 def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tuple[str, list[Result]]]:
@@ -231,6 +234,12 @@ def version_differences(results: Sequence[Result], packages: Iterable[str] = SCO
 
 def _version_of(package: str) -> Callable[[Result], str]:
     return lambda result: result.versions[package]
+
+
+def _width_notes(results: Sequence[Result]) -> list[str]:
+    """Say where agents had different numbers of sub-environments: quick successes then count differently."""
+    mixed = differences(results, lambda result: str(result.num_envs))
+    return [f"Different numbers of sub-environments, on which scores depend somewhat: {mixed}."] if mixed else []
 
 
 def _suite_notes(results: Sequence[Result]) -> list[str]:
