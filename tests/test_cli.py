@@ -378,6 +378,15 @@ def test_a_suite_from_the_command_to_the_table(capsys: Capture, tmp_path: Path, 
     assert (status, "num_envs: 3 on disk, 4 now" in line) == (1, True)
 
 
+def test_a_suite_of_which_nothing_finished_offers_no_table(capsys: Capture, tmp_path: Path, fakes: None) -> None:
+    command = [*RUN, "--agents", "harness_fakes:broken", "--seeds", "1", "--out", tmp_path]
+    status, printed, err = call(capsys, *command)
+    assert status == 1
+    assert "1 of 1 runs failed" in err
+    assert "Next:" not in printed
+    assert "Mean AUC" not in printed
+
+
 def test_an_agent_of_one_s_own_is_found_in_the_current_folder(tmp_path: Path) -> None:
     """Of a console script the interpreter puts the script's folder on the path, and not the current one."""
     (tmp_path / "my_own_agent.py").write_text(

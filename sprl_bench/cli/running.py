@@ -79,16 +79,18 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
 
     there = [path for spec in specs if (path := spec.path(out) / "record.json").exists()]
     records = [read(path, RunRecord) for path in there]
-    if any(record.status == "complete" for record in records):
+    complete = any(record.status == "complete" for record in records)
+    if complete:
         typer.echo()
         print_tables(records, planned=specs)
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
     for outcome in failed:
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)
-    for suite in sorted({spec.suite for spec in specs}):
-        typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
-    typer.echo(f"Next:    sprl-bench table {out} --format md")
-    typer.echo(f"         sprl-bench plot {out} -o curves.png")
+    if complete:
+        for suite in sorted({spec.suite for spec in specs}):
+            typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
+        typer.echo(f"Next:    sprl-bench table {out} --format md")
+        typer.echo(f"         sprl-bench plot {out} -o curves.png")
     if failed:
         print(
             f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; the same command tries them again.",
