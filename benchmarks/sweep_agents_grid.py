@@ -1,7 +1,7 @@
 """How the preset "tuned" of the grids is chosen: the same number of settings for every agent.
 
 What is run is declared here and in docs/agents-sweep.md before it is run. `python -m benchmarks.sweep_agents_grid
-runs/agents-sweep` runs it, and resumes where it stopped; agents named after the folder are run alone.
+runs/agents-sweep` runs it, and resumes where it stopped; name agents behind the folder to run only those.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.sweeps import Setting, Sweep
+from sprl_bench.suggestions import unknown
 
 BUDGETS = {"KeyDoors-7x7": 1_000_000, "FourRooms-7x7": 250_000}
 SEEDS = (10,)  # none of those that entries are made of
@@ -34,7 +35,14 @@ SWEEPS = {agent: Sweep(agent, settings, "grid-7x7", BUDGETS, SEEDS) for agent, s
 
 
 def main(root: Path, *agents: str) -> None:
-    """Run the sweep of these agents, or of all, and print every AUC, the best setting of each agent first."""
+    """Run the sweep of these agents, or of all, and print every AUC, the best setting of each agent first.
+
+    Raises:
+        ValueError: There is no sweep of such an agent.
+    """
+    for agent in agents:
+        if agent not in SWEEPS:
+            raise ValueError(unknown("agent", agent, SWEEPS))
     for agent in agents or SWEEPS:
         SWEEPS[agent].run(root, workers=2)
     for agent in agents or SWEEPS:

@@ -27,11 +27,15 @@ class Sweep:
     agent: str
     settings: Sequence[Setting]
     suite: str
-    budgets: Mapping[str, int]  # env steps by task, the longest first, so that workers end together
+    budgets: Mapping[str, int]  # env steps by task
     seeds: Sequence[int]
 
     def run(self, root: Path, workers: int) -> None:
-        """Train with all settings, and leave the records under `root`; resumes where it stopped."""
+        """Train with all settings, and leave the records under `root`; resumes where it stopped.
+
+        Raises:
+            RuntimeError: A run failed.
+        """
         for setting in self.settings:
             specs = [
                 spec
@@ -40,12 +44,19 @@ class Sweep:
                     find_suite(self.suite), [self.agent], self.seeds, tasks=[task], budget=budget, overrides=setting
                 )
             ]
-            run_suite(
+            outcomes = run_suite(
                 specs, self._folder(root, setting), executor=make_executor("local", workers), observer=make_observer()
             )
+            for outcome in outcomes:
+                if outcome.status == "failed":
+                    raise RuntimeError(f"{outcome.spec.path(self._folder(root, setting))}: {outcome.error}")
 
     def report(self, root: Path) -> str:
-        """Return a line for every setting, the best first: the AUC of each task and seed, and their mean."""
+        """Return a line for every setting, the best first: the AUC of each task and seed, and their mean.
+
+        Raises:
+            ValueError: A run is missing.
+        """
         rows = sorted((self._aucs(root, setting) for setting in self.settings), key=_mean, reverse=True)
         return "\n".join(self._line(row) for row in rows)
 
@@ -53,8 +64,11 @@ class Sweep:
         return root / self.agent / _name(setting)
 
     def _aucs(self, root: Path, setting: Setting) -> tuple[str, list[list[float]]]:
-        records = find_records(self._folder(root, setting))
-        of_tasks = [[r.scores.auc for r in records if r.spec.task.name.startswith(task)] for task in self.budgets]
+        folder = self._folder(root, setting)
+        complete = [record for record in find_records(folder) if record.status == "complete"]
+        of_tasks = [[r.scores.auc for r in complete if r.spec.task.name.startswith(task)] for task in self.budgets]
+        if any(len(aucs) != len(self.seeds) for aucs in of_tasks):
+            raise ValueError(f"{folder} has {len(complete)} of {len(self.seeds) * len(self.budgets)} runs.")
         return _name(setting), of_tasks
 
     def _line(self, row: tuple[str, list[list[float]]]) -> str:

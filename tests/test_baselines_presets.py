@@ -78,6 +78,7 @@ def test_every_network_of_the_fetch_tasks_is_that_of_appendix_g4() -> None:
     for agent in (eco, sprl):
         resolved = agent.hyperparameters("fetch", {})
         assert (resolved["head_layers"], resolved["head_units"], resolved["replay_size"]) == (4, 512, 30_000)
+        assert resolved["max_pairs"] == 30_000
     for agent in (eco, icm, ppo, sprl):
         resolved = agent.hyperparameters("fetch", {})
         assert (resolved["mlp_layers"], resolved["mlp_units"]) == (4, 256)

@@ -303,9 +303,10 @@ def test_other_numbers_of_sub_environments_are_said_aloud(make_record: MakeRecor
     few, many = make_record("ppo"), make_record("icm")
     many = many.model_copy(update={"spec": many.spec.model_copy(update={"num_envs": 256})})
     [table] = tabulate([few, many])
-    assert table.notes == (
-        "Different numbers of sub-environments, on which scores depend somewhat: 12 (ppo), 256 (icm).",
-    )
+    assert table.notes == ("Different numbers of sub-environments, which moves scores: 12 (ppo), 256 (icm).",)
+    other = many.model_copy(update={"spec": many.spec.model_copy(update={"num_envs": 12, "seed": 1})})
+    with pytest.raises(IncomparableError, match=r"agent icm: num_envs differs: 12 \(icm\), 256 \(icm\)"):
+        tabulate([many, other])
 
 
 def test_other_package_versions_are_said_aloud(make_record: MakeRecord) -> None:

@@ -26,7 +26,8 @@ def run(
     agents: Annotated[
         str,
         typer.Option(
-            help="Agents, with commas between; your own is package.module:factory. agent@preset takes another preset."
+            help="Agents, with commas between; your own is package.module:factory; "
+            "sprl@ablation is sprl by its preset ablation."
         ),
     ],
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",

@@ -10,7 +10,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
-from sprl_bench.agents import has_hyperparameter, load_factory, resolve_hyperparameters
+from sprl_bench.agents import AgentFactory, has_hyperparameter, load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
 
@@ -38,8 +38,8 @@ def expand(
 
     Args:
         suite: Where the tasks are from.
-        agents: Names of installed agents, or "package.module:factory", named by its last part; "@" and the name of a
-            preset may follow, and then belong to the agent's name.
+        agents: Names of installed agents, or "package.module:factory", named by its last part. Behind those that
+            have presets, "@" and a preset's name may follow, and then belong to the agent's name.
         seeds: One run each.
         tasks: Names of some of the suite's tasks; by default all.
         budget: Environment steps, instead of each task's own.
@@ -79,15 +79,28 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
 
 
 def _agent_name(agent: str) -> str:
+    source, preset = _split_preset(agent)
+    name = source.partition(":")[2].replace(".", "-") or source
+    return f"{name}@{preset}" if preset else name
+
+
+def _split_preset(agent: str) -> tuple[str, str]:
+    """Return whom "agent@preset" means and by which preset; the second is empty where none is named."""
     source, at, preset = agent.partition("@")
-    return (source.partition(":")[2].replace(".", "-") or source) + at + preset
+    if at and not preset:
+        raise ValueError(f"agents holds {agent!r}; after the @ comes the name of a preset.")
+    return source, preset
 
 
-def _with_preset(preset: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the overrides with the preset that an agent's name asks for."""
-    if preset and "preset" in overrides:
+def _with_preset(factory: AgentFactory, source: str, preset: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the overrides, and with them the preset that an agent's name asks for."""
+    if not preset:
+        return dict(overrides)
+    if not hasattr(factory, "hyperparameters"):
+        raise ValueError(f"Agent {source!r} has no presets, so none that is called {preset!r}.")
+    if "preset" in overrides:
         raise ValueError(f"preset is given twice: as @{preset} behind an agent and as preset={overrides['preset']!r}.")
-    return {**overrides, "preset": preset} if preset else dict(overrides)
+    return {**overrides, "preset": preset}
 
 
 def _resolve_device(device: str) -> str:
@@ -105,9 +118,9 @@ def _resolve_device(device: str) -> str:
 def _spec(
     suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], device: str, torch_threads: int
 ) -> RunSpec:
-    source, _, preset = agent.partition("@")
+    source, preset = _split_preset(agent)
     factory = load_factory(source)
-    own = _with_preset(preset, overrides)
+    own = _with_preset(factory, source, preset, overrides)
     if not has_hyperparameter(factory, task.domain, "num_envs"):
         num_envs = own.pop("num_envs", NUM_ENVS)
         hyperparameters = resolve_hyperparameters(factory, task.domain, own)

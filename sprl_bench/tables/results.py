@@ -163,7 +163,8 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
 
     Raises:
         IncomparableError: They differ in the suite's version, in a task's environment, arguments, budget or
-            fingerprint, or one agent's seeds differ in hyperparameters; or one run is there twice.
+            fingerprint, or one agent's seeds differ in hyperparameters or number of sub-environments; or one run is
+            there twice.
     """
     suite = results[0].suite
     _refuse_mixed(f"suite {suite!r}: version", results, lambda result: str(result.suite_version))
@@ -177,6 +178,7 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         for agent, runs in _grouped(of_task, lambda result: result.agent):
             _refuse_tuned(f"{where}, agent {agent}", runs)
             _refuse_mixed(f"{where}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
+            _refuse_mixed(f"{where}, agent {agent}: num_envs", runs, lambda result: str(result.num_envs))
             _refuse_twice(where, runs)
     notes = [f"Different versions of {package}: {text}." for package, text in version_differences(results).items()]
     return [*notes, *_width_notes(results), *_suite_notes(results)]
@@ -237,9 +239,14 @@ def _version_of(package: str) -> Callable[[Result], str]:
 
 
 def _width_notes(results: Sequence[Result]) -> list[str]:
-    """Say where agents had different numbers of sub-environments: quick successes then count differently."""
-    mixed = differences(results, lambda result: str(result.num_envs))
-    return [f"Different numbers of sub-environments, on which scores depend somewhat: {mixed}."] if mixed else []
+    """Say where agents had different numbers of sub-environments on a task: quick successes then count differently."""
+    mixed = (
+        differences(of_task, lambda result: str(result.num_envs))
+        for _, of_task in _grouped(results, lambda result: result.task.name)
+    )
+    return [
+        f"Different numbers of sub-environments, which moves scores: {text}." for text in dict.fromkeys(mixed) if text
+    ]
 
 
 def _suite_notes(results: Sequence[Result]) -> list[str]:

@@ -144,11 +144,15 @@ class LearnedReachability:
 
     def _logits(self, triplets: Triplets) -> tuple[Tensor, Tensor]:
         """Judge the pairs (anchor, positive) and (anchor, negative): logits and labels, `[2 P]` each."""
-        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
-        compare = self.network(self._replay.take(places))
-        anchors, positives, negatives = indices.to(self._device).chunk(3)
+        states, (anchors, positives, negatives) = self._states(triplets)
+        compare = self.network(states)
         logits = compare(torch.cat((anchors, anchors)), torch.cat((positives, negatives)))
         return logits, (torch.arange(len(logits), device=logits.device) < len(anchors)).float()
+
+    def _states(self, triplets: Triplets) -> tuple[Tensor, Triplets]:
+        """Return the D states that triplets name, each place once, `[D, ...]`, and the triplets as indices of these."""
+        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        return self._replay.take(places), Triplets(*indices.to(self._device).chunk(3))
 
     def _held_out_accuracy(self) -> dict[str, float]:
         """Measure the share of right answers on steps not yet trained on; nothing where they hold no such pairs."""
@@ -158,9 +162,8 @@ class LearnedReachability:
         )
         if not len(triplets.anchors):
             return {}
-        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
-        judge = judge_pairs(self, self._replay.take(places))
-        anchors, positives, negatives = indices.to(self._device).chunk(3)
+        states, (anchors, positives, negatives) = self._states(triplets)
+        judge = judge_pairs(self, states)
         right = torch.cat((judge(anchors, positives) > 0.5, judge(anchors, negatives) <= 0.5))
         return {"reachability_accuracy": float(right.float().mean())}
 
