@@ -17,6 +17,7 @@ import torch
 import sprl_bench  # noqa: F401 - registers the ids
 from benchmarks.learners import threads, turn_steps
 from benchmarks.measure import Contender, Row, compare, table
+from sprl_baselines.ppo import PPOConfig
 from sprl_bench.agents import load_factory
 
 __all__ = ["main", "rows"]
@@ -28,8 +29,8 @@ SAME_STEPS: Mapping[str, Mapping[str, Any]] = {
     "ppo": {},
     "gt-grid": {"bonus_weight": 0.0},
     "icm": {"bonus_weight": 0.0},
-    "gt-sprl": {"cost_scale": 0.0, "learning_rate": 0.003},  # PPO's
-    "sprl": {"cost_scale": 0.0, "learning_rate": 0.003, **TRUSTED},
+    "gt-sprl": {"cost_scale": 0.0, "learning_rate": PPOConfig.learning_rate},
+    "sprl": {"cost_scale": 0.0, "learning_rate": PPOConfig.learning_rate, **TRUSTED},
     "eco": {"bonus_weight": 0.0, **TRUSTED},
 }
 WARM_UP, TURN, REPEATS, NUM_THREADS = 20, 2, 7, 1  # updates, updates, turns

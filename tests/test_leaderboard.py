@@ -121,10 +121,14 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
         make_entry(runs(hyperparameters={}))
     with pytest.raises(IncomparableError, match=r"one version of numpy; these runs have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"):
         make_entry(runs(versions={"numpy": "1.0"}))
-    for field, value in (("torch_threads", 2), ("source", "other:ppo"), ("num_envs", 3)):
+    for field, value, told in (
+        ("torch_threads", 2, "torch_threads differs between seeds"),
+        ("source", "other:ppo", "source differs between seeds"),
+        ("num_envs", 3, "agent ppo: num_envs differs: 12"),
+    ):
         last = make_record(seed=4)
         changed = last.model_copy(update={"spec": last.spec.model_copy(update={field: value})})
-        with pytest.raises(IncomparableError, match=f"{field} differs"):
+        with pytest.raises(IncomparableError, match=told):
             make_entry([*runs()[:4], changed])
 
 

@@ -45,9 +45,8 @@ def decode(path: Path) -> tuple[bytes, str]:
     return done.stdout, done.stderr.decode()
 
 
-@pytest.fixture(
-    scope="session"
-)  # before any capture: on its first import Gymnasium-Robotics prints a notice of its own
+# Once a session, before any capture: on its first import Gymnasium-Robotics prints a notice of its own.
+@pytest.fixture(scope="session")
 def fetch() -> None:
     pytest.importorskip("mujoco")
     pytest.importorskip("gymnasium_robotics")

@@ -28,8 +28,8 @@ from sprl_bench.tables.results import (
 __all__ = ["BOOTSTRAP_SEED", "Cell", "Estimate", "Row", "Table", "tabulate", "tabulate_results"]
 
 BOOTSTRAP_SEED = 20210706
-REMEDY = "Allow missing runs (--allow-missing) to see what there is."
 """Seeds the generator of every interval that we show."""
+REMEDY = "Allow missing runs (--allow-missing) to see what there is."
 
 
 class Estimate(Data):
@@ -121,8 +121,9 @@ def tabulate(
         for group in groups
         if chosen & set(task_names(group))
     ]
-    notes = (lost,) if lost else ()
-    return [*tables[:-1], tables[-1].model_copy(update={"notes": (*tables[-1].notes, *notes)})]
+    if lost:
+        tables[-1] = tables[-1].model_copy(update={"notes": (*tables[-1].notes, lost)})
+    return tables
 
 
 def _lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
