@@ -126,7 +126,7 @@ class FakeSubmitit(SimpleNamespace):
 def submitit(monkeypatch: pytest.MonkeyPatch) -> FakeSubmitit:
     fake = FakeSubmitit()
     monkeypatch.setitem(sys.modules, "submitit", fake)
-    monkeypatch.setattr("sprl_bench.executors.POLL_S", 0.01)
+    monkeypatch.setattr("sprl_bench.executors.slurm.POLL_S", 0.01)
     return fake
 
 

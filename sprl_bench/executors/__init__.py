@@ -1,0 +1,44 @@
+"""Where runs are worked on: processes of this machine, a Ray cluster, or Slurm. One small shape for all.
+
+An executor maps a function over specs and gives back each result as it comes. It knows nothing of what the function
+does, except that each call needs as many threads as its spec says and may bring its process down.
+
+Ray and Slurm are thin and are tested against stand-ins only: no cluster takes part in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from sprl_bench.executors.local import LocalExecutor
+from sprl_bench.executors.protocol import Executor, WorkerDiedError
+from sprl_bench.executors.ray import RayExecutor
+from sprl_bench.executors.slurm import SlurmExecutor
+from sprl_bench.suggestions import unknown
+
+__all__ = ["Executor", "LocalExecutor", "RayExecutor", "SlurmExecutor", "WorkerDiedError", "make_executor"]
+
+EXECUTORS: Final[Mapping[str, Callable[[int], Executor]]] = {
+    "local": LocalExecutor,
+    "ray": RayExecutor,
+    "slurm": SlurmExecutor,
+}
+
+
+def make_executor(name: str, workers: int) -> Executor:
+    """Return the executor "local", "ray" or "slurm".
+
+    Args:
+        name: Which.
+        workers: How many runs at once; 0 for one a core (local) or as many as the cluster takes (ray, slurm).
+
+    Raises:
+        ValueError: There is no such executor, or `workers` is not a count.
+        ModuleNotFoundError: Its extra is not installed.
+    """
+    if name not in EXECUTORS:
+        raise ValueError(unknown("executor", name, EXECUTORS))
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
+        raise ValueError(f"workers is {workers!r}; it must be an integer of at least 0 (0: one a core).")
+    return EXECUTORS[name](workers)
