@@ -287,7 +287,7 @@ def test_every_agent_can_see_earlier_observations_too(name: str) -> None:
     """The policy does; what its bonus sees is checked against the true successors of the newest ones."""
     agent = FACTORIES[name](seed=0, **QUICK[name], stack=2)
     reports = list(agent.train(grid_envs(), 3 * STEPS_PER_UPDATE[name]))
-    assert agent.learner.network.policy_trunk[1].weight.shape[1] == 9
+    assert agent.learner.network.policy_trunk[1].weights[0].shape[1] == 9
     assert all(np.isfinite(value) for report in reports for value in report.values())
     with pytest.raises(ValueError, match="stack=2 acts on more than one observation"):
         agent.policy(spaces.Discrete(2), spaces.Discrete(2), seed=0)

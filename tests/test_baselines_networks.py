@@ -16,7 +16,6 @@ from sprl_baselines.networks import (
     GRID_ENCODINGS,
     LARGEST_CODES,
     ActorCritic,
-    CReLUConvolution,
     OneHotCells,
     ScaledCells,
     actor_critic,
@@ -47,10 +46,10 @@ def plain_forward(network: ActorCritic, grids: Tensor) -> tuple[Tensor, Tensor]:
     """Compute logits and values from the same parameters, channels first, with nothing clever."""
     layers = network.policy_trunk
     images = (grids / torch.tensor(LARGEST_CODES)).permute(0, 3, 1, 2).contiguous()
-    for layer in layers[1:4]:
-        images = functional.conv2d(functional.pad(images, (0, 1, 0, 1)), layer.weight, layer.bias)
+    for weight, bias in zip(layers[1].weights, layers[1].biases, strict=True):
+        images = functional.conv2d(functional.pad(images, (0, 1, 0, 1)), weight, bias)
         images = torch.relu(torch.cat((images, -images), dim=1))
-    features = torch.relu(layers[5](images.permute(0, 2, 3, 1).flatten(1)))
+    features = torch.relu(layers[2](images.permute(0, 2, 3, 1).flatten(1)))
     return network.head.logits(features), network.value(features).squeeze(1)
 
 
@@ -73,38 +72,19 @@ def test_the_grid_network_equals_the_plain_one_in_outputs_and_gradients(size: in
 def test_the_grid_network_has_the_appendix_shapes() -> None:
     shapes = {name: tuple(value.shape) for name, value in grid_network().named_parameters()}
     assert shapes == {
-        "policy_trunk.1.weight": (16, 3, 2, 2),
-        "policy_trunk.1.bias": (16,),
-        "policy_trunk.2.weight": (8, 32, 2, 2),
-        "policy_trunk.2.bias": (8,),
-        "policy_trunk.3.weight": (8, 16, 2, 2),
-        "policy_trunk.3.bias": (8,),
-        "policy_trunk.5.weight": (512, 7 * 7 * 16),
-        "policy_trunk.5.bias": (512,),
+        "policy_trunk.1.weights.0": (16, 3, 2, 2),
+        "policy_trunk.1.weights.1": (8, 32, 2, 2),
+        "policy_trunk.1.weights.2": (8, 16, 2, 2),
+        "policy_trunk.1.biases.0": (16,),
+        "policy_trunk.1.biases.1": (8,),
+        "policy_trunk.1.biases.2": (8,),
+        "policy_trunk.2.weight": (512, 7 * 7 * 16),
+        "policy_trunk.2.bias": (512,),
         "head.logits.weight": (7, 512),
         "head.logits.bias": (7,),
         "value.weight": (1, 512),
         "value.bias": (1,),
     }
-
-
-def test_same_padding_is_at_the_bottom_and_on_the_right() -> None:
-    layer = CReLUConvolution(1, 1, seeded())
-    with torch.no_grad():
-        layer.weight.zero_()
-        layer.weight[0, 0, 1, 1] = 1.0  # looks one cell down and one to the right
-        shifted = layer(torch.arange(1.0, 10.0).view(1, 1, 3, 3))
-    assert shifted.shape == (1, 2, 3, 3)
-    assert shifted[0, 0].tolist() == [[5, 6, 0], [8, 9, 0], [0, 0, 0]]
-
-
-def test_crelu_keeps_both_signs_apart() -> None:
-    layer = CReLUConvolution(1, 1, seeded())
-    with torch.no_grad():
-        layer.weight.zero_()
-        layer.weight[0, 0, 0, 0] = 1.0
-        out = layer(torch.tensor([[[[3.0, -2.0]]]]))
-    assert out[0].tolist() == [[[3.0, 0.0]], [[0.0, 2.0]]]
 
 
 def test_scaled_cells() -> None:
@@ -150,7 +130,7 @@ def test_parameters_follow_from_the_generator_alone() -> None:
 
 def test_layers_start_orthogonal_with_their_gains() -> None:
     network = grid_network()
-    hidden, logits = network.policy_trunk[5].weight, network.head.logits.weight
+    hidden, logits = network.policy_trunk[2].weight, network.head.logits.weight
     torch.testing.assert_close(hidden @ hidden.T, 2.0 * torch.eye(512), rtol=0, atol=1e-4)
     torch.testing.assert_close(logits @ logits.T, 1e-4 * torch.eye(7), rtol=0, atol=1e-8)
     assert network.value.weight.norm().item() == pytest.approx(1.0)

@@ -23,7 +23,7 @@ from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Config, Count, Positive, Share, Weight
 from sprl_baselines.distinct import distinct
 from sprl_baselines.grids import grid_shape
-from sprl_baselines.networks import HIDDEN_GAIN, FlattenCells, ScaledCells, linear, mlp_trunk
+from sprl_baselines.networks import HIDDEN_GAIN, ScaledCells, linear, mlp_trunk
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.training_state import restore, saved
 
@@ -206,6 +206,14 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
         size = space.shape[0]
         return mlp_trunk(size, 4, size, generator), size
     raise ValueError(f"ICM has no features for observations in {space}: need (H, W, 3) uint8 or a flat Box.")
+
+
+class FlattenCells(nn.Module):
+    """One row of features per image, cell by cell: a view where memory is channels-last."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """`[B, C, H, W]` -> `[B, H * W * C]`."""
+        return images.permute(0, 2, 3, 1).flatten(1)
 
 
 def convolution(inputs: int, generator: torch.Generator) -> nn.Conv2d:

@@ -6,7 +6,7 @@ All parameters are drawn from the generator that is passed in; torch's global ra
 from __future__ import annotations
 
 from itertools import pairwise
-from math import prod, sqrt
+from math import sqrt
 from typing import Any, Protocol
 
 import torch
@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.nn.utils import skip_init
 
+from sprl_baselines.convolutions import CReLUConvolutions
 from sprl_baselines.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.grids import grid_shape
 
@@ -143,6 +144,7 @@ def policy_head(features: int, action_space: spaces.Space[Any], generator: torch
 
 # --------------------------------------------------------------------------------------------- trunks
 
+GRID_CHANNELS = (16, 8, 8)
 GRID_FEATURES = 512
 
 
@@ -157,14 +159,8 @@ def grid_convolutions(
 ) -> tuple[list[nn.Module], int]:
     """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
     cells = GRID_ENCODINGS[encoding](frames)
-    layers: list[nn.Module] = [
-        cells,
-        CReLUConvolution(cells.channels, 16, generator),
-        CReLUConvolution(32, 8, generator),
-        CReLUConvolution(16, 8, generator),
-        FlattenCells(),
-    ]
-    return layers, prod((height, width, 16))
+    convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, HIDDEN_GAIN, generator)
+    return [cells, convolutions], height * width * 2 * GRID_CHANNELS[-1]
 
 
 def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) -> nn.Sequential:
@@ -216,30 +212,3 @@ class OneHotCells(nn.Module):
 
 
 GRID_ENCODINGS: dict[str, type[ScaledCells] | type[OneHotCells]] = {"scaled": ScaledCells, "one-hot": OneHotCells}
-
-
-class CReLUConvolution(nn.Module):
-    """A 2x2 SAME convolution y and its concatenated rectifier, relu(y, -y).
-
-    SAME for a 2x2 kernel pads at the bottom and on the right only.
-    """
-
-    def __init__(self, inputs: int, outputs: int, generator: torch.Generator) -> None:
-        super().__init__()
-        self.weight = nn.Parameter(torch.empty(outputs, inputs, 2, 2))
-        self.bias = nn.Parameter(torch.zeros(outputs))
-        nn.init.orthogonal_(self.weight, HIDDEN_GAIN, generator)
-
-    def forward(self, images: Tensor) -> Tensor:
-        """`[B, inputs, H, W]` -> `[B, 2 * outputs, H, W]`, both in channels-last memory, the fastest here."""
-        kernel = self.weight.contiguous(memory_format=torch.channels_last)
-        responses = functional.conv2d(functional.pad(images, (0, 1, 0, 1)), kernel, self.bias)
-        return functional.relu_(torch.cat((responses, -responses), dim=1))
-
-
-class FlattenCells(nn.Module):
-    """One row of features per image, cell by cell: a view where memory is channels-last."""
-
-    def forward(self, images: Tensor) -> Tensor:
-        """`[B, C, H, W]` -> `[B, H * W * C]`."""
-        return images.permute(0, 2, 3, 1).flatten(1)
