@@ -80,6 +80,13 @@ def test_images_and_incoming_gradients_are_left_alone() -> None:
     assert torch.equal(direction, before[1])
 
 
+def test_images_that_need_a_gradient_get_it() -> None:
+    network, images = convolutions(), torch.rand(2, 3, 7, 7, generator=seeded(2), requires_grad=True)
+    network(images).sum().backward()
+    assert images.grad is not None
+    assert images.grad.any()
+
+
 def test_gradients_add_up() -> None:
     network, images = convolutions(), torch.rand(20, 3, 7, 7, generator=seeded(2))
     network(images).sum().backward()

@@ -13,7 +13,7 @@ from gymnasium import Space, spaces
 from torch import Tensor, nn
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.icm import ICM, ICMConfig
+from sprl_baselines.icm import ICM, ICMConfig, StridedConvolution
 from sprl_baselines.rollout import Rollout
 
 CPU = torch.device("cpu")
@@ -91,7 +91,7 @@ def phi(network: Any, observation: npt.NDArray[Any]) -> Array:
 
 def convolved(network: nn.Module, image: Array) -> Array:
     """Four convolutions 3x3 with stride 2 and a border of zeros, each followed by an ELU; cells [H, W, C]."""
-    layers = parameters_of(network, nn.Conv2d)
+    layers = parameters_of(network, StridedConvolution)
     assert [weight.shape for weight, _ in layers] == [(32, inputs, 3, 3) for inputs in (3, 32, 32, 32)]
     for weight, bias in layers:
         padded = np.pad(image, ((1, 1), (1, 1), (0, 0)))

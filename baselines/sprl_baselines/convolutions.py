@@ -54,7 +54,7 @@ class CReLUConvolutions(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """Images `[B, C, H, W]` -> features `[B, H * W * 2 O]`, cell by cell."""
-        compiled = images.device.type == "cpu" and images.dtype == torch.float32
+        compiled = images.device.type == "cpu" and images.dtype == torch.float32 and not images.requires_grad
         return (self._compiled(images) if compiled else self._plain(images)).flatten(1)
 
     def _compiled(self, images: Tensor) -> Tensor:
@@ -70,7 +70,7 @@ class CReLUConvolutions(nn.Module):
 
 
 class _Compiled(torch.autograd.Function):
-    """The compiled functions below, as PyTorch calls them. The images get no gradient: they come from a game."""
+    """The compiled functions below, as PyTorch calls them. The images get no gradient."""
 
     @staticmethod
     def forward(ctx: Any, images: Tensor, layers: int, *parameters: Tensor) -> Tensor:
@@ -140,8 +140,7 @@ def _backward(
         _rectified(block, weights, biases, rows, inside, planes)
         _pack(gradient[first : first + len(inside)], to_planes[rows[-2] : rows[-1]])
         for layer in range(len(weights) - 1, -1, -1):
-            before, after = rows[layer], rows[layer + 1]
-            behind = rows[layer + 2]
+            before, after, behind = rows[layer], rows[layer + 1], rows[layer + 2]
             to_responses = np.zeros((len(biases[layer]), stride + 1 + count), np.float32)
             _unrectify(planes[after:behind], to_planes[after:behind], count, stride, to_responses)
             _correlate_gradient(planes[before:after], to_responses, count, stride, to_weights[layer], to_biases[layer])
