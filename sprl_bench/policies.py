@@ -19,7 +19,7 @@ from gymnasium import spaces
 from sprl_bench import checkpoint
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS
-from sprl_bench.recorder.folder import CHECKPOINT, SPEC, WEIGHTS
+from sprl_bench.recorder.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS
 from sprl_bench.records import RunSpec, read
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
@@ -146,7 +146,9 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     folders = [folder for folder, spec in specs.items() if spec.task.env_id == env_id and agent in (None, spec.agent)]
     wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
     if not folders:
-        raise FileNotFoundError(f"{root} holds no {wanted}.")
+        scripts = any(not (path.parent / SPEC).exists() for path in root.rglob(RECORD))
+        hint = " What a script recorded keeps no agent." if scripts else ""
+        raise FileNotFoundError(f"{root} holds no {wanted}.{hint}")
     if len(folders) > 1:
         names = [*map(str, folders[:MANY_RUNS]), *(["..."] if len(folders) > MANY_RUNS else [])]
         raise ValueError(f"{root} holds more than one {wanted}; name one of them: {', '.join(names)}")

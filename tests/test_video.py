@@ -15,6 +15,7 @@ import pytest
 
 from sprl_bench.cli import main
 from sprl_bench.policies import UnplayableRunError, find_actor, find_run
+from sprl_bench.recorder.folder import RECORD
 from sprl_bench.records import RunSpec, write
 from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
@@ -233,6 +234,13 @@ def test_a_run_is_found_below_a_folder(tmp_path: Path) -> None:
         find_run(tmp_path, GRID, "ppo")
     with pytest.raises(FileNotFoundError, match=r"holds no run in SPRL/FourRooms-7x7-v1"):
         find_run(tmp_path / "nowhere", GRID)
+
+
+def test_what_a_script_recorded_is_told_from_nothing_at_all(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / RECORD).touch()
+    with pytest.raises(FileNotFoundError, match="What a script recorded keeps no agent"):
+        find_run(tmp_path, GRID)
 
 
 # The command
