@@ -57,6 +57,7 @@ def plot(
     output: Path,
     *,
     tasks: Sequence[str] | None = None,
+    agents: Sequence[str] | None = None,
     planned: Iterable[RunSpec] = (),
     allow_missing: bool = False,
 ) -> None:
@@ -66,20 +67,21 @@ def plot(
         records: Finished runs; incomplete ones count as missing.
         output: A .png, .svg or .pdf file.
         tasks: The tasks to show, or None for all tasks of each suite.
+        agents: The agents to show, or None for all.
         planned: Runs that were asked for: those without a record count as missing.
         allow_missing: Draw what is there, and say in the legend how many seeds it is.
 
     Raises:
         MissingRunsError: Runs are missing and `allow_missing` is false.
         IncomparableError: The records must not share a picture.
-        ValueError: There is no finished run, a task is unknown, or the file's suffix is another.
+        ValueError: There is no finished run, a task or an agent is unknown, or the file's suffix is another.
         ModuleNotFoundError: matplotlib is not installed.
     """
     suffix = output.suffix.lower()
     if suffix not in SUFFIXES:
         raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
     everything = list(records)
-    tables = tabulate(everything, tasks=tasks, planned=planned, allow_missing=allow_missing)
+    tables = tabulate(everything, tasks=tasks, agents=agents, planned=planned, allow_missing=allow_missing)
     results = [Result.of(record) for record in everything if record.status == "complete"]
 
     import matplotlib as mpl  # noqa: PLC0415 - the extra `plots`, and slow to load
@@ -108,7 +110,9 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
     grid = figure.subplots(rows, columns, squeeze=False)
     for (table, task), axes in zip(panels, grid.flat, strict=False):
         axes.set_title(task if len(tables) == 1 else f"{table.suite}: {task}")
-        _draw_panel(axes, [run for run in results if (run.suite, run.task.name) == (table.suite, task)], looks)
+        agents = {row.agent for row in table.rows}
+        runs = [run for run in results if (run.suite, run.task.name) == (table.suite, task) and run.agent in agents]
+        _draw_panel(axes, runs, looks)
     for axes in grid.flat[len(panels) :]:
         axes.set_visible(False)
     for axes in grid[:, 0]:

@@ -213,6 +213,8 @@ def test_a_table_of_missing_runs_needs_to_be_asked_for(capsys: Capture, runs: Pa
     assert (status, "4 of 5" in out) == (0, True)
     status, out, _ = call(capsys, "table", runs, "--task", "FourRooms-7x7")
     assert (status, "KeyDoors" in out) == (0, False)
+    status, out, _ = call(capsys, "table", runs, "--agent", "random")
+    assert (status, "random" in out, "ppo" in out) == (0, True, False)
 
 
 def test_a_run_that_was_begun_and_has_no_record_is_missing(
@@ -229,6 +231,9 @@ def test_a_picture(capsys: Capture, runs: Path, tmp_path: Path) -> None:
     path = tmp_path / "curves.svg"
     assert call(capsys, "plot", runs, "-o", path, "--task", "KeyDoors-7x7") == (0, "", f"Wrote {path}.\n")
     assert b"<svg" in path.read_bytes()
+    assert call(capsys, "plot", runs, "-o", path, "--agent", "ppo")[0] == 0
+    assert b"ppo" in path.read_bytes()
+    assert b"random" not in path.read_bytes()
     status, line = refused(capsys, "plot", runs, "-o", tmp_path / "curves.gif")
     assert (status, "llowed: .pdf, .png, .svg" in line) == (2, True)
 

@@ -42,6 +42,11 @@ def test_there_is_a_panel_a_task_and_a_line_an_agent(grid_7x7: list[RunRecord]) 
     assert [text.get_text() for text in legend.get_texts()] == ["ppo (5 seeds)", "random (5 seeds)"]
 
 
+def test_only_the_tables_agents_are_drawn(grid_7x7: list[RunRecord]) -> None:
+    figure = plots.draw_curves(tabulate(grid_7x7, agents=["ppo"]), [Result.of(record) for record in grid_7x7])
+    assert [len(axes.get_lines()) for axes in figure.axes] == [1, 1]
+
+
 def test_one_seed_has_no_band_and_a_privileged_agent_its_mark(make_record: MakeRecord) -> None:
     records = [make_record("gt-grid", privileged=True)]
     figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])

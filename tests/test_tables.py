@@ -180,6 +180,17 @@ def test_there_is_one_table_a_suite_and_one_a_custom_task(make_record: MakeRecor
     assert [table.suite for table in tabulate([make_record(), *grid_7x7], tasks=[KEY])] == ["grid-7x7"]
 
 
+def test_agents_can_be_chosen(grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
+    [table] = tabulate(grid_7x7, agents=["random"])
+    assert [row.agent for row in table.rows] == ["random"]
+    spec = make_record(seed=7, suite="grid-7x7").spec
+    assert tabulate(grid_7x7, agents=["random"], planned=[spec]) == [table]  # another agent's hole does not matter
+    with pytest.raises(MissingRunsError):
+        tabulate(grid_7x7, agents=["ppo"], planned=[spec])
+    with pytest.raises(ValueError, match="Unknown agent among these runs: 'randon'; did you mean 'random'"):
+        tabulate(grid_7x7, agents=["randon"])
+
+
 def test_an_unknown_task_is_refused_with_a_suggestion(grid_7x7: list[RunRecord]) -> None:
     with pytest.raises(ValueError, match="did you mean 'KeyDoors-7x7'"):
         tabulate(grid_7x7, tasks=["KeyDoor-7x7"])

@@ -35,6 +35,7 @@ SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md",
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
+Agents = Annotated[list[str] | None, typer.Option("--agent", help="Only this agent; may be given several times.")]
 AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Show what is there, and mark what is missing.")]
 Format = Annotated[
     str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default as the file's name ends.")
@@ -47,6 +48,7 @@ def table(
     form: Format = None,
     output: Output = None,
     task: Tasks = None,
+    agent: Agents = None,
     allow_missing: AllowMissing = False,
 ) -> None:
     """Show each agent's mean AUC with its interval, one table a suite."""
@@ -54,7 +56,13 @@ def table(
     from sprl_bench.tables import FORMATS, render, tabulate
 
     form = choose_format(form, output, FORMATS)
-    made = tabulate(find_records(runs), tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
+    made = tabulate(
+        find_records(runs),
+        tasks=task or None,
+        agents=agent or None,
+        planned=planned_runs(runs),
+        allow_missing=allow_missing,
+    )
     deliver(render(made, form, width=terminal_width(output)), output)
 
 
@@ -62,13 +70,21 @@ def plot(
     runs: Runs,
     output: Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")],
     task: Tasks = None,
+    agent: Agents = None,
     allow_missing: AllowMissing = False,
 ) -> None:
     """Draw each agent's learning curve, one panel a task."""
     from sprl_bench import plots
     from sprl_bench.records import find_records
 
-    plots.plot(find_records(runs), output, tasks=task or None, planned=planned_runs(runs), allow_missing=allow_missing)
+    plots.plot(
+        find_records(runs),
+        output,
+        tasks=task or None,
+        agents=agent or None,
+        planned=planned_runs(runs),
+        allow_missing=allow_missing,
+    )
     typer.echo(f"Wrote {output}.", err=True)
 
 

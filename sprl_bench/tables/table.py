@@ -86,6 +86,7 @@ def tabulate(
     records: Iterable[RunRecord],
     *,
     tasks: Sequence[str] | None = None,
+    agents: Sequence[str] | None = None,
     planned: Iterable[RunSpec] = (),
     allow_missing: bool = False,
 ) -> list[Table]:
@@ -94,15 +95,16 @@ def tabulate(
     Args:
         records: Finished runs; incomplete ones count as missing.
         tasks: The tasks to show, or None for all tasks of each suite.
+        agents: The agents to show, or None for all.
         planned: Runs that were asked for: those without a record count as missing.
         allow_missing: Show what is there, and mark it, where runs are missing.
 
     Raises:
         MissingRunsError: Runs are missing and `allow_missing` is false.
         IncomparableError: The records must not share a table.
-        ValueError: There is no finished run, or a task is unknown.
+        ValueError: There is no finished run, or a task or an agent is unknown.
     """
-    everything = list(records)
+    everything, planned = _of_agents(list(records), list(planned), agents)
     complete = [Result.of(record) for record in everything if record.status == "complete"]
     wanted = [*planned, *(record.spec for record in everything if record.status != "complete")]
     if not complete:
@@ -124,6 +126,21 @@ def tabulate(
     if lost:
         tables[-1] = tables[-1].model_copy(update={"notes": (*tables[-1].notes, lost)})
     return tables
+
+
+def _of_agents(
+    records: list[RunRecord], planned: list[RunSpec], agents: Sequence[str] | None
+) -> tuple[list[RunRecord], list[RunSpec]]:
+    """Return the records and the plans of these agents, or of all where they are None."""
+    if agents is None:
+        return records, planned
+    names = {spec.agent for spec in (*planned, *(record.spec for record in records))}
+    for agent in agents:
+        if agent not in names:
+            raise ValueError(unknown("agent among these runs:", agent, names))
+    return [record for record in records if record.spec.agent in agents], [
+        spec for spec in planned if spec.agent in agents
+    ]
 
 
 def _lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
