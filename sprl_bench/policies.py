@@ -139,20 +139,24 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
 
     Raises:
         ValueError: There are several.
-        FileNotFoundError: There is none.
+        FileNotFoundError: There is none; those that a script recorded do not count.
         InvalidFileError: The spec of a run there is broken.
     """
     specs = {path.parent: read(path, RunSpec) for path in sorted(root.rglob(SPEC))}
     folders = [folder for folder, spec in specs.items() if spec.task.env_id == env_id and agent in (None, spec.agent)]
     wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
     if not folders:
-        scripts = any(not (path.parent / SPEC).exists() for path in root.rglob(RECORD))
-        hint = " What a script recorded keeps no agent." if scripts else ""
+        hint = " Runs that a script recorded are passed over: they keep no agent." if _holds_scripts(root) else ""
         raise FileNotFoundError(f"{root} holds no {wanted}.{hint}")
     if len(folders) > 1:
         names = [*map(str, folders[:MANY_RUNS]), *(["..."] if len(folders) > MANY_RUNS else [])]
         raise ValueError(f"{root} holds more than one {wanted}; name one of them: {', '.join(names)}")
     return folders[0]
+
+
+def _holds_scripts(root: Path) -> bool:
+    """Whether there are records of scripts that only recorded, and no run that keeps its spec."""
+    return not any(root.rglob(SPEC)) and any(root.rglob(RECORD))
 
 
 def _trained(folder: Path) -> Actor:

@@ -11,6 +11,7 @@ import pytest
 import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
+from torch.nn import functional
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.icm import ICM, ICMConfig, StridedConvolution
@@ -103,6 +104,29 @@ def convolved(network: nn.Module, image: Array) -> Array:
                 out[y, x] = np.einsum("oiyx,yxi->o", weight, window) + bias
         image = np.where(out > 0, out, np.expm1(out))
     return image.reshape(-1)
+
+
+@pytest.mark.parametrize("sides", [(1, 1), (2, 3), (7, 7), (8, 5), (11, 11)])
+@pytest.mark.parametrize("count", [0, 6])
+def test_a_strided_convolution_is_pytorchs_in_outputs_and_gradients(sides: tuple[int, int], count: int) -> None:
+    generator = torch.Generator().manual_seed(0)
+    layer = StridedConvolution(4, sides, generator)
+    with torch.no_grad():
+        layer.bias.normal_(generator=generator)
+    images = torch.randn(count, 4, *sides, generator=generator, requires_grad=True)
+    plain = functional.conv2d(images, layer.weight, layer.bias, stride=2, padding=1)
+    ours, wanted = layer(images), [images, layer.weight, layer.bias]
+    torch.testing.assert_close(ours, plain, rtol=1e-4, atol=1e-4)
+    direction = torch.randn(plain.shape, generator=generator)
+    gradients = (torch.autograd.grad((out * direction).sum(), wanted) for out in (ours, plain))
+    for found, expected in zip(*gradients, strict=True):
+        torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_a_strided_convolution_refuses_images_of_other_sides() -> None:
+    layer = StridedConvolution(3, (7, 7), torch.Generator().manual_seed(0))
+    with pytest.raises(ValueError, match=r"The images are \(7, 9\); the layer was made for \(7, 7\)"):
+        layer(torch.zeros(1, 3, 7, 9))
 
 
 def hidden_layer(network: nn.Module, inputs: Array) -> Array:

@@ -232,14 +232,14 @@ def test_a_run_is_found_below_a_folder(tmp_path: Path) -> None:
         find_run(tmp_path, GRID, "walker")
     with pytest.raises(FileNotFoundError, match="holds no run of ppo in SPRL/FourRooms-7x7-v1"):
         find_run(tmp_path, GRID, "ppo")
-    with pytest.raises(FileNotFoundError, match=r"holds no run in SPRL/FourRooms-7x7-v1"):
+    with pytest.raises(FileNotFoundError, match=r"holds no run in SPRL/FourRooms-7x7-v1\.$"):
         find_run(tmp_path / "nowhere", GRID)
 
 
 def test_what_a_script_recorded_is_told_from_nothing_at_all(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / RECORD).touch()
-    with pytest.raises(FileNotFoundError, match="What a script recorded keeps no agent"):
+    with pytest.raises(FileNotFoundError, match="Runs that a script recorded are passed over"):
         find_run(tmp_path, GRID)
 
 

@@ -25,9 +25,9 @@ __all__ = ["CReLUConvolutions"]
 
 Array = NDArray[np.float32]
 Arrays = tuple[Array, ...]
-Places = NDArray[np.int64]
-Number = np.float32
-Function = TypeVar("Function", bound=Callable[..., Any])
+Mask = NDArray[np.bool_]
+Offsets = NDArray[np.int64]
+F = TypeVar("F", bound=Callable[..., Any])
 
 BLOCK: Final = 1024  # numbers in a plane, so that the planes that are worked on stay in the cache
 FAST_MATH: Final = {"contract", "nsz", "reassoc"}  # sums may be taken in any order, the same one every time
@@ -38,7 +38,7 @@ class CReLUConvolutions(nn.Module):
 
     Args:
         inputs: Channels C of an image.
-        outputs: Channels O of each convolution, half of those that its rectifier gives.
+        outputs: Channels of each convolution, at least one of them; its rectifier gives twice as many.
         gain: Of the orthogonal weights.
         generator: Source of the weights, on the CPU.
     """
@@ -53,9 +53,19 @@ class CReLUConvolutions(nn.Module):
             nn.init.orthogonal_(weight, gain, generator)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Images `[B, C, H, W]` -> features `[B, H * W * 2 O]`, cell by cell."""
-        compiled = images.device.type == "cpu" and images.dtype == torch.float32 and not images.requires_grad
-        return (self._compiled(images) if compiled else self._plain(images)).flatten(1)
+        """Images `[B, C, H, W]` -> features `[B, H * W * 2 O]`, cell by cell; O are the last layer's outputs.
+
+        Raises:
+            ValueError: The images have another number of channels.
+        """
+        if images.shape[1] != self.weights[0].shape[1]:
+            raise ValueError(f"The images have {images.shape[1]} channels; they need {self.weights[0].shape[1]}.")
+        return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
+
+    def _can_compile(self, images: Tensor) -> bool:
+        tensors = (images, *self.weights, *self.biases)
+        fit = all(tensor.device.type == "cpu" and tensor.dtype == torch.float32 for tensor in tensors)
+        return fit and not images.requires_grad
 
     def _compiled(self, images: Tensor) -> Tensor:
         cells = images.permute(0, 2, 3, 1)
@@ -76,7 +86,7 @@ class _Compiled(torch.autograd.Function):
     def forward(ctx: Any, images: Tensor, layers: int, *parameters: Tensor) -> Tensor:
         ctx.save_for_backward(images, *parameters)
         ctx.layers = layers
-        weights, biases = _arrays(parameters[:layers]), _arrays(parameters[layers:])
+        weights, biases = _arrays(parameters, layers)
         features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
         _forward(_array(images), weights, biases, features)
         return torch.from_numpy(features)
@@ -85,11 +95,11 @@ class _Compiled(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         images, *parameters = ctx.saved_tensors
-        weights, biases = _arrays(parameters[: ctx.layers]), _arrays(parameters[ctx.layers :])
-        to_weights = tuple(np.zeros_like(weight) for weight in weights)
-        to_biases = tuple(np.zeros_like(bias) for bias in biases)
-        _backward(_array(images), weights, biases, _array(gradient), to_weights, to_biases)
-        gradients = [torch.from_numpy(array) for array in (*to_weights, *to_biases)]
+        weights, biases = _arrays(parameters, ctx.layers)
+        weight_gradients = tuple(np.zeros_like(weight) for weight in weights)
+        bias_gradients = tuple(np.zeros_like(bias) for bias in biases)
+        _backward(_array(images), weights, biases, _array(gradient), weight_gradients, bias_gradients)
+        gradients = map(torch.from_numpy, (*weight_gradients, *bias_gradients))
         shaped = [gradient.view_as(parameter) for gradient, parameter in zip(gradients, parameters, strict=True)]
         return (None, None, *shaped)
 
@@ -98,111 +108,115 @@ def _array(tensor: Tensor) -> Array:
     return tensor.detach().contiguous().numpy()
 
 
-def _arrays(tensors: Sequence[Tensor]) -> Arrays:
-    """Return weights `[O, C, 2, 2]` as `[O, C, 4]`, and biases as they are."""
-    return tuple(_array(tensor if tensor.ndim == 1 else tensor.flatten(2)) for tensor in tensors)
+def _arrays(parameters: Sequence[Tensor], layers: int) -> tuple[Arrays, Arrays]:
+    """Return the weights, each `[O, C, 2, 2]` as `[O, C, 4]`, and the biases, each `[O]`."""
+    weights = tuple(_array(weight.flatten(2)) for weight in parameters[:layers])
+    return weights, tuple(_array(bias) for bias in parameters[layers:])
 
 
-def _compiled(function: Function) -> Function:
-    """Compile to machine code, cached on disk, or not at all where no folder can be written."""
+def kernel(function: F) -> F:
+    """Compile to machine code, kept on disk where a folder can be written."""
     try:
-        return cast(Function, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
+        return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
     except RuntimeError:
-        return cast(Function, njit(nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
+        return cast(F, njit(nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
 
 
 # A plane holds `count` numbers, (H + 1) * (W + 1) an image, and `stride` = W + 1 lie between one row and the next.
 # Behind a plane that is convolved, and before a gradient that is, lie stride + 1 numbers more, for the taps to reach.
+# So planes are [C, count + stride + 1], where C is 2 O behind a layer, and its weights [O, C, 4].
 
 
-@_compiled
+@kernel
 def _forward(images: Array, weights: Arrays, biases: Arrays, features: Array) -> None:
     """Fill `features` [B, H, W, 2 O] from `images` [B, H, W, C]."""
-    rows, inside = _rows(weights), _inside(images.shape)
-    planes = _planes(rows, inside)
-    for first in range(0, len(images), len(inside)):
-        block = images[first : first + len(inside)]
-        _rectified(block, weights, biases, rows, inside, planes)
-        _unpack(planes[rows[-2] : rows[-1]], features[first : first + len(inside)])
+    offsets, mask = _offsets(weights), _mask(images.shape)
+    planes = _planes(offsets, mask)
+    for first in range(0, len(images), len(mask)):
+        block = images[first : first + len(mask)]
+        _rectified(block, weights, biases, offsets, mask, planes)
+        _unpack(planes[offsets[-2] : offsets[-1]], features[first : first + len(mask)])
 
 
-@_compiled
+@kernel
 def _backward(
-    images: Array, weights: Arrays, biases: Arrays, gradient: Array, to_weights: Arrays, to_biases: Arrays
+    images: Array, weights: Arrays, biases: Arrays, gradient: Array, weight_gradients: Arrays, bias_gradients: Arrays
 ) -> None:
     """Add the gradients of the parameters, from that of the features."""
-    rows, inside = _rows(weights), _inside(images.shape)
-    planes, to_planes = _planes(rows, inside), _planes(rows, inside)
-    stride = inside.shape[2]
-    for first in range(0, len(images), len(inside)):
-        block = images[first : first + len(inside)]
-        count = inside[: len(block)].size
-        _rectified(block, weights, biases, rows, inside, planes)
-        _pack(gradient[first : first + len(inside)], to_planes[rows[-2] : rows[-1]])
+    offsets, mask = _offsets(weights), _mask(images.shape)
+    planes, plane_gradients = _planes(offsets, mask), _planes(offsets, mask)
+    stride = mask.shape[2]
+    for first in range(0, len(images), len(mask)):
+        block = images[first : first + len(mask)]
+        count = mask[: len(block)].size
+        _rectified(block, weights, biases, offsets, mask, planes)
+        _pack(gradient[first : first + len(mask)], plane_gradients[offsets[-2] : offsets[-1]])
         for layer in range(len(weights) - 1, -1, -1):
-            before, after, behind = rows[layer], rows[layer + 1], rows[layer + 2]
-            to_responses = np.zeros((len(biases[layer]), stride + 1 + count), np.float32)
-            _unrectify(planes[after:behind], to_planes[after:behind], count, stride, to_responses)
-            _correlate_gradient(planes[before:after], to_responses, count, stride, to_weights[layer], to_biases[layer])
+            before, after, behind = offsets[layer], offsets[layer + 1], offsets[layer + 2]
+            errors = np.zeros((len(biases[layer]), stride + 1 + count), np.float32)
+            _rectify_gradient(planes[after:behind], plane_gradients[after:behind], count, stride, errors)
+            _correlate_gradient(
+                planes[before:after], errors, count, stride, weight_gradients[layer], bias_gradients[layer]
+            )
             if layer:
-                to_planes[before:after] = 0
-                _correlate(to_responses, _turned(weights[layer]), count, stride, to_planes[before:after])
+                plane_gradients[before:after] = 0
+                _correlate(errors, _flipped(weights[layer]), count, stride, plane_gradients[before:after])
 
 
-@_compiled
-def _rows(weights: Arrays) -> Places:
+@kernel
+def _offsets(weights: Arrays) -> Offsets:
     """Return where the planes of the images begin, those of each layer, and where the last ones end."""
-    rows = np.zeros(len(weights) + 2, np.int64)
-    rows[1] = weights[0].shape[1]
+    offsets = np.zeros(len(weights) + 2, np.int64)
+    offsets[1] = weights[0].shape[1]
     for layer in range(len(weights)):
-        rows[layer + 2] = rows[layer + 1] + 2 * len(weights[layer])
-    return rows
+        offsets[layer + 2] = offsets[layer + 1] + 2 * len(weights[layer])
+    return offsets
 
 
-@_compiled
-def _inside(shape: tuple[int, int, int, int]) -> Array:
-    """Return 1 where the planes of a block `[B, H + 1, W + 1]` hold a cell, and 0 where they pad."""
+@kernel
+def _mask(shape: tuple[int, int, int, int]) -> Mask:
+    """Return whether the planes of a block `[B, H + 1, W + 1]` hold a cell there, or pad."""
     number, height, width, _ = shape
     number = max(1, min(number, BLOCK // ((height + 1) * (width + 1))))
-    inside = np.zeros((number, height + 1, width + 1), np.float32)
-    inside[:, :height, :width] = 1
-    return inside
+    mask = np.zeros((number, height + 1, width + 1), np.bool_)
+    mask[:, :height, :width] = True
+    return mask
 
 
-@_compiled
-def _planes(rows: Places, inside: Array) -> Array:
+@kernel
+def _planes(offsets: Offsets, mask: Mask) -> Array:
     """Return room for the planes of a block, those of the images and of every layer."""
-    return np.zeros((rows[-1], inside.size + inside.shape[2] + 1), np.float32)
+    return np.zeros((offsets[-1], mask.size + mask.shape[2] + 1), np.float32)
 
 
-@_compiled
-def _turned(weights: Array) -> Array:
+@kernel
+def _flipped(weights: Array) -> Array:
     """Return the weights `[C, O, 4]` by which gradients go back: the same taps, the other way round."""
     outputs, channels, taps = weights.shape
-    turned = np.empty((channels, outputs, taps), np.float32)
+    flipped = np.empty((channels, outputs, taps), np.float32)
     for output in range(outputs):
         for channel in range(channels):
             for tap in range(taps):
-                turned[channel, output, taps - 1 - tap] = weights[output, channel, tap]
-    return turned
+                flipped[channel, output, taps - 1 - tap] = weights[output, channel, tap]
+    return flipped
 
 
-@_compiled
-def _rectified(images: Array, weights: Arrays, biases: Arrays, rows: Places, inside: Array, planes: Array) -> None:
+@kernel
+def _rectified(images: Array, weights: Arrays, biases: Arrays, offsets: Offsets, mask: Mask, planes: Array) -> None:
     """Fill the planes with a block of images and with what each layer makes of them."""
-    stride, count = inside.shape[2], inside[: len(images)].size
-    _pack(images, planes[: rows[1]])
+    stride, count = mask.shape[2], mask[: len(images)].size
+    _pack(images, planes[: offsets[1]])
     for layer in range(len(weights)):
-        before, after = planes[rows[layer] : rows[layer + 1]], planes[rows[layer + 1] : rows[layer + 2]]
+        before, after = planes[offsets[layer] : offsets[layer + 1]], planes[offsets[layer + 1] : offsets[layer + 2]]
         for output in range(len(biases[layer])):
             after[output, :count] = biases[layer][output]
         _correlate(before, weights[layer], count, stride, after)
-        _rectify(after, count, inside.reshape(-1))
+        _rectify(after, count, mask.reshape(-1))
 
 
-@_compiled
+@kernel
 def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Array) -> None:
-    """Add to each of the first planes of `out` the four taps of all `planes`."""
+    """Add the four taps of all `planes` [C, ...] to the first planes of `out`, one for each of the weights' outputs."""
     for output in range(weights.shape[0]):
         row = out[output, :count]
         for channel in range(weights.shape[1]):
@@ -216,63 +230,65 @@ def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Arra
                 )
 
 
-@_compiled
+@kernel
 def _correlate_gradient(
-    planes: Array, gradient: Array, count: int, stride: int, to_weights: Array, to_biases: Array
+    planes: Array, gradient: Array, count: int, stride: int, weight_gradients: Array, bias_gradients: Array
 ) -> None:
-    """Add the gradients of weights and bias, from that of the responses; two outputs at a time share what is read."""
-    outputs, channels, _ = to_weights.shape
+    """Add the gradients of weights and bias, from that `[O, stride + 1 + count]` of the responses.
+
+    Two outputs at a time share what is read of the planes.
+    """
+    outputs, channels, _ = weight_gradients.shape
     for output in range(outputs):
-        to_biases[output] += gradient[output, stride + 1 :][:count].sum()
+        bias_gradients[output] += gradient[output, stride + 1 :][:count].sum()
     for output in range(0, outputs, 2):
         other = min(output + 1, outputs - 1)
-        error, error_too = gradient[output, stride + 1 :][:count], gradient[other, stride + 1 :][:count]
+        error, error_2 = gradient[output, stride + 1 :][:count], gradient[other, stride + 1 :][:count]
         for channel in range(channels):
             plane = planes[channel]
             here, right = plane[:count], plane[1 : count + 1]
             below, diagonal = plane[stride : count + stride], plane[stride + 1 : count + stride + 1]
             first = second = third = fourth = np.float32(0)
-            first_too = second_too = third_too = fourth_too = np.float32(0)
+            first_2 = second_2 = third_2 = fourth_2 = np.float32(0)
             for place in range(count):
-                one, two = error[place], error_too[place]
+                one, two = error[place], error_2[place]
                 first += one * here[place]
                 second += one * right[place]
                 third += one * below[place]
                 fourth += one * diagonal[place]
-                first_too += two * here[place]
-                second_too += two * right[place]
-                third_too += two * below[place]
-                fourth_too += two * diagonal[place]
-            _add_taps(to_weights[output, channel], first, second, third, fourth)
+                first_2 += two * here[place]
+                second_2 += two * right[place]
+                third_2 += two * below[place]
+                fourth_2 += two * diagonal[place]
+            _add_taps(weight_gradients[output, channel], first, second, third, fourth)
             if other != output:
-                _add_taps(to_weights[other, channel], first_too, second_too, third_too, fourth_too)
+                _add_taps(weight_gradients[other, channel], first_2, second_2, third_2, fourth_2)
 
 
-@_compiled
-def _add_taps(taps: Array, first: Number, second: Number, third: Number, fourth: Number) -> None:
+@kernel
+def _add_taps(taps: Array, first: np.float32, second: np.float32, third: np.float32, fourth: np.float32) -> None:
     taps[0] += first
     taps[1] += second
     taps[2] += third
     taps[3] += fourth
 
 
-@_compiled
-def _rectify(planes: Array, count: int, inside: Array) -> None:
+@kernel
+def _rectify(planes: Array, count: int, mask: Mask) -> None:
     """Turn responses, in the first half of the planes, into both of their rectified signs, and 0 where planes pad."""
-    half = len(planes) // 2
+    half, zero = len(planes) // 2, np.float32(0)
     for channel in range(half):
         positive, negative = planes[channel], planes[half + channel]
         for place in range(count):
-            response = positive[place] * inside[place]
-            positive[place] = max(response, np.float32(0))
-            negative[place] = max(-response, np.float32(0))
+            response = positive[place] if mask[place] else zero
+            positive[place] = max(response, zero)
+            negative[place] = max(-response, zero)
 
 
-@_compiled
-def _unrectify(planes: Array, gradient: Array, count: int, stride: int, out: Array) -> None:
+@kernel
+def _rectify_gradient(planes: Array, gradient: Array, count: int, stride: int, out: Array) -> None:
     """Fill `out` with the gradient of the responses, from that of both rectified signs."""
-    half = len(planes) // 2
-    zero = np.float32(0)
+    half, zero = len(planes) // 2, np.float32(0)
     for channel in range(half):
         positive, negative = planes[channel], planes[half + channel]
         up, down, row = gradient[channel], gradient[half + channel], out[channel][stride + 1 :]
@@ -280,7 +296,7 @@ def _unrectify(planes: Array, gradient: Array, count: int, stride: int, out: Arr
             row[place] = (up[place] if positive[place] > 0 else zero) - (down[place] if negative[place] > 0 else zero)
 
 
-@_compiled
+@kernel
 def _pack(images: Array, planes: Array) -> None:
     """Lay out images `[B, H, W, C]` as planes."""
     number, height, width, channels = images.shape
@@ -292,7 +308,7 @@ def _pack(images: Array, planes: Array) -> None:
                     grids[image, y, x] = images[image, y, x, channel]
 
 
-@_compiled
+@kernel
 def _unpack(planes: Array, images: Array) -> None:
     """Take images `[B, H, W, C]` from planes."""
     number, height, width, channels = images.shape

@@ -199,7 +199,7 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
         layers: list[nn.Module] = [cells]
         for inputs in (cells.channels, CHANNELS, CHANNELS, CHANNELS):
             convolution = StridedConvolution(inputs, sides, generator)
-            layers += [convolution, nn.ELU(inplace=True)]
+            layers += [convolution, nn.ELU()]
             sides = convolution.remaining
         return nn.Sequential(*layers, FlattenCells()), CHANNELS * prod(sides)
     if isinstance(space, spaces.Box) and len(space.shape) == 1:
@@ -219,8 +219,8 @@ class FlattenCells(nn.Module):
 class StridedConvolution(nn.Module):
     """A 3x3 convolution of stride 2 with a border of zeros: half of the cells along each side remain, rounded up.
 
-    It gathers what the kernel sees of an image and is one product then; on images as small as these PyTorch's own takes
-    several times as long backward.
+    On a CPU the cells under the kernel are gathered, and the convolution is one matrix product: forward and backward,
+    the four layers on 600 images of 7x7 take less than half as long as PyTorch's own (one thread of an AMD EPYC).
 
     Args:
         inputs: Channels C of an image.
@@ -233,15 +233,24 @@ class StridedConvolution(nn.Module):
         self.weight = nn.Parameter(torch.empty(CHANNELS, inputs, 3, 3))
         self.bias = nn.Parameter(torch.zeros(CHANNELS))
         nn.init.orthogonal_(self.weight, HIDDEN_GAIN, generator)
+        self.sides = sides
         self.remaining = ceil(sides[0] / 2), ceil(sides[1] / 2)
         cells = functional.pad(torch.arange(prod(sides)).view(sides), (1, 1, 1, 1), value=prod(sides))
-        self.seen: Tensor  # [9 * cells that remain] a place for each tap; the border is behind the last cell
-        self.register_buffer("seen", cells.unfold(0, 3, 2).unfold(1, 3, 2).flatten(), persistent=False)
+        self.taps: Tensor  # [9 * cells that remain] the cell under each tap; the border is behind the last one
+        self.register_buffer("taps", cells.unfold(0, 3, 2).unfold(1, 3, 2).flatten(), persistent=False)
 
     def forward(self, images: Tensor) -> Tensor:
-        """`[B, C, H, W]` -> `[B, 32, ceil(H / 2), ceil(W / 2)]`, both best in channels-last memory."""
+        """`[B, C, H, W]` -> `[B, 32, ceil(H / 2), ceil(W / 2)]`, channels last in memory, as it is best given too.
+
+        Raises:
+            ValueError: The images have other sides.
+        """
+        if images.shape[2:] != self.sides:
+            raise ValueError(f"The images are {tuple(images.shape[2:])}; the layer was made for {self.sides}.")
+        if images.device.type != "cpu":
+            return functional.conv2d(images, self.weight, self.bias, stride=2, padding=1)
         cells = functional.pad(images.permute(0, 2, 3, 1).flatten(1, 2), (0, 0, 0, 1))
-        windows = cells.index_select(1, self.seen).view(len(images), *self.remaining, -1)
+        windows = cells.index_select(1, self.taps).view(len(images), *self.remaining, self.weight[0].numel())
         responses = functional.linear(windows, self.weight.permute(0, 2, 3, 1).flatten(1), self.bias)
         return responses.permute(0, 3, 1, 2)
 

@@ -9,7 +9,7 @@ __all__ = ["require_extra"]
 
 
 def require_extra(module: str, extra: str | None = None) -> Any:
-    """Import what only this executor needs.
+    """Import a package that only one executor needs.
 
     Raises:
         ModuleNotFoundError: It is not installed; the message says how to.

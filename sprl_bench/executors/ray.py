@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from sprl_bench.executors.environment import worker_environment
 from sprl_bench.executors.extras import require_extra
 from sprl_bench.executors.protocol import Result, WorkerDiedError
+from sprl_bench.executors.variables import worker_environment
 from sprl_bench.records import RunSpec
 
 __all__ = ["RayExecutor"]

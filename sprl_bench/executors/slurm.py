@@ -7,14 +7,14 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
-from sprl_bench.executors.environment import worker_environment
 from sprl_bench.executors.extras import require_extra
 from sprl_bench.executors.protocol import Result, WorkerDiedError
+from sprl_bench.executors.variables import worker_environment
 from sprl_bench.records import RunSpec
 
 __all__ = ["SlurmExecutor"]
 
-POLL_S: Final = 1.0
+POLL_S: Final = 1.0  # seconds between two looks at what has ended
 
 
 class SlurmExecutor:

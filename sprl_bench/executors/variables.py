@@ -1,4 +1,4 @@
-"""What must be set around a worker before it starts."""
+"""The environment variables of a worker."""
 
 from __future__ import annotations
 
