@@ -64,6 +64,16 @@ def test_the_ablation_preset_is_one_long_stretch(agent: str) -> None:
     assert resolved["cost_scale"] == 0.002
 
 
+def test_the_tuned_preset_is_among_what_was_swept() -> None:
+    from benchmarks.sweep_agents_grid import SETTINGS
+
+    for agent, settings in SETTINGS.items():
+        resolved = AGENTS[agent].hyperparameters("grid", {"preset": "tuned"})
+        table = AGENTS[agent].hyperparameters("grid", {})
+        chosen = [setting for setting in settings if resolved == {**table, **setting}]
+        assert len(chosen) == 1, f"{agent}: {chosen}"
+
+
 def test_the_ground_truth_differs_from_sprl_in_its_network_alone() -> None:
     learned, true = (AGENTS[agent].hyperparameters("grid", {}) for agent in ("sprl", "gt-sprl"))
     assert true.items() <= learned.items()

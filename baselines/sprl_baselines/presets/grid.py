@@ -20,4 +20,14 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
 LONGER: Mapping[str, Any] = {**SPRL, "k": 5, "tolerance": 25, "tolerance_samples": 1}
 ABLATION: Mapping[str, Mapping[str, Any]] = {"gt-sprl": LONGER, "sprl": LONGER}
 
-PRESETS = {"ablation": ABLATION, "table": TABLE}
+# What a declared sweep of four settings an agent took (docs/agents-sweep.md); the rest is the defaults'.
+TUNED: Mapping[str, Mapping[str, Any]] = {
+    "eco": {"bonus_weight": 0.005},
+    "gt-grid": {"learning_rate": 0.001, "bonus_weight": 0.03},
+    "gt-sprl": {"cost_scale": 0.01},
+    "icm": {},
+    "ppo": {"learning_rate": 0.001},
+    "sprl": {},
+}
+
+PRESETS = {"ablation": ABLATION, "table": TABLE, "tuned": TUNED}
