@@ -310,6 +310,15 @@ def test_the_best_comes_first_privileged_or_not(make_record: MakeRecord, tmp_pat
     assert "| b † | 5 | 0.900" in render([board], "md")
 
 
+def test_an_agent_by_two_presets_has_two_entries_on_one_board(make_record: MakeRecord, tmp_path: Path) -> None:
+    for agent, level in (("sprl", 0.2), ("sprl@tuned", 0.4)):
+        records = [make_record(agent, seed=seed, level=level, hyperparameters={"k": level}) for seed in range(5)]
+        path = leaderboard.add_entry(make_entry(records, agent), tmp_path)
+        assert (path.name, leaderboard.validate([path])) == (f"{agent}.json", [])
+    [board] = leaderboard.boards(tmp_path)
+    assert [row.agent for row in board.rows] == ["sprl@tuned", "sprl"]
+
+
 def test_entries_of_other_environments_share_no_board(make_record: MakeRecord, tmp_path: Path) -> None:
     for agent in ("a", "b"):
         records = [make_record(agent, seed=seed, fingerprint=agent) for seed in range(5)]
