@@ -282,6 +282,11 @@ def test_the_scale_of_a_bonus_reaches_the_learner_and_nothing_else(name: str, mo
     assert (once[2] != once[0]).any()
 
 
+def test_minibatches_beyond_the_rollout_are_refused_before_anything_is_run() -> None:
+    with pytest.raises(ValueError, match=r"icm_minibatches=3073 must be at most num_envs \* rollout_length, 3072"):
+        FACTORIES["icm"].hyperparameters("grid", {"icm_minibatches": 3073})
+
+
 @pytest.mark.parametrize("name", ["eco", "gt-grid", "gt-sprl", "icm", "ppo", "sprl"])
 def test_every_agent_can_see_earlier_observations_too(name: str) -> None:
     """The policy does; what its bonus sees is checked against the true successors of the newest ones."""

@@ -199,7 +199,9 @@ class LearningAgentFactory(Generic[C]):
 
     def _configs(self, values: Mapping[str, Any]) -> tuple[PPOConfig, C]:
         reject_unknown("hyperparameter", values, PPOConfig.names() + self.bonus_config.names())
-        return PPOConfig.pick(values), self.bonus_config.pick(values)
+        config, bonus_config = PPOConfig.pick(values), self.bonus_config.pick(values)
+        bonus_config.check_rollout(config.num_envs * config.rollout_length)
+        return config, bonus_config
 
 
 eco = LearningAgentFactory("eco", ECO, ECOConfig)

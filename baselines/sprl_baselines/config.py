@@ -63,6 +63,13 @@ class Config:
         """Build the config from those of `values` that are its own; the rest keep their defaults."""
         return cls(**{name: values[name] for name in cls.names() if name in values})
 
+    def check_rollout(self, num_steps: int) -> None:
+        """Refuse what rollouts of `num_steps` env steps cannot serve; here nothing is.
+
+        Raises:
+            ValueError: A hyperparameter asks for more.
+        """
+
     def as_dict(self) -> dict[str, Any]:
         """All hyperparameters as plain values that JSON can hold."""
         return asdict(self)  # type: ignore[call-overload,no-any-return]  # subclasses are dataclasses

@@ -45,6 +45,14 @@ class ICMConfig(Config):
     icm_minibatches: Count = 4  # its gradient steps in a pass
     icm_units: Count = 256  # width of the hidden layer of the forward and of the inverse model
 
+    def check_rollout(self, num_steps: int) -> None:
+        """Refuse more minibatches than transitions."""
+        if self.icm_minibatches > num_steps:
+            raise ValueError(
+                f"Hyperparameter icm_minibatches={self.icm_minibatches} must be at most num_envs * rollout_length, "
+                f"{num_steps}."
+            )
+
 
 class ICM:
     """The forward model's error as a bonus.
@@ -89,14 +97,11 @@ class ICM:
 
     def _minibatches(self, transitions: Transitions) -> Iterator[Transitions]:
         """Go through all transitions `icm_epochs` times, each time in a new order."""
-        count, parts = len(transitions.actions), self._config.icm_minibatches
-        if parts > count:
-            raise ValueError(
-                f"Hyperparameter icm_minibatches={parts} must be at most num_envs * rollout_length, {count}."
-            )
+        count = len(transitions.actions)
+        self._config.check_rollout(count)
         for _ in range(self._config.icm_epochs):
             order = torch.randperm(count, generator=self._generator, device=self._generator.device)
-            for indices in order.tensor_split(parts):
+            for indices in order.tensor_split(self._config.icm_minibatches):
                 yield transitions.take(indices)
 
     def _gradient_step(self, batch: Transitions) -> dict[str, Tensor]:
