@@ -84,6 +84,7 @@ class _Compiled(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, images: Tensor, layers: int, *parameters: Tensor) -> Tensor:
+        """Images `[B, H, W, C]`, then every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
         ctx.save_for_backward(images, *parameters)
         ctx.layers = layers
         weights, biases = _arrays(parameters, layers)
@@ -94,6 +95,7 @@ class _Compiled(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
         weights, biases = _arrays(parameters, ctx.layers)
         weight_gradients = tuple(np.zeros_like(weight) for weight in weights)

@@ -76,7 +76,9 @@ def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[
     """Be a worker: the parent hears of Ctrl-C too, and asks by SIGTERM; a crash leaves a traceback."""
     faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    sender.send(function(spec))
+    result = function(spec)
+    with contextlib.suppress(BrokenPipeError):  # the parent has died; nobody is left to hear of it
+        sender.send(result)
 
 
 def _ended(running: Sequence[_Worker[Result]]) -> list[_Worker[Result]]:
