@@ -11,8 +11,9 @@ from hypothesis import example, given
 from torch import Tensor
 from torch.nn import functional
 
-from sprl_baselines import convolutions as module
-from sprl_baselines.convolutions import BLOCK, CReLUConvolutions
+from sprl_baselines import convolution_kernels as module
+from sprl_baselines.convolution_kernels import BLOCK
+from sprl_baselines.convolutions import CReLUConvolutions
 
 
 def seeded(seed: int = 0) -> torch.Generator:

@@ -14,8 +14,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.icm import ICM, ICMConfig, StridedConvolution
+from sprl_baselines.icm import ICM, ICMConfig
 from sprl_baselines.rollout import Rollout
+from sprl_baselines.strided_convolution import StridedConvolution
 
 CPU = torch.device("cpu")
 STEPS, NUM_ENVS = 20, 3
