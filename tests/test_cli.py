@@ -17,6 +17,7 @@ from sprl_bench.cli import main
 from sprl_bench.cli.running import parse_seeds, parse_settings
 from sprl_bench.envs import IDS
 from sprl_bench.records import RunRecord, find_records
+from sprl_bench.suite import devices
 from sprl_bench.tasks import SUITES
 
 MakeRecord = Callable[..., RunRecord]
@@ -381,6 +382,15 @@ def test_a_suite_from_the_command_to_the_table(capsys: Capture, tmp_path: Path, 
 
     status, line = refused(capsys, *RUN[:-1], "num_envs=4", "--agents", "random", "--seeds", "2", "--out", out)
     assert (status, "num_envs: 3 on disk, 4 now" in line) == (1, True)
+
+
+def test_a_gpu_that_is_not_here_is_refused_before_anything_is_written(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(devices, "_gpus", lambda: 0)
+    command = ["run", "--suite", "smoke", "--agents", "random", "--device", "cuda", "--out", tmp_path / "runs"]
+    assert refused(capsys, *command) == (2, "device is 'cuda', which torch does not find here; there are auto, cpu.")
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_suite_of_which_nothing_finished_offers_no_table(capsys: Capture, tmp_path: Path, fakes: None) -> None:

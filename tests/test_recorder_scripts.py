@@ -60,6 +60,19 @@ def episodes(out: Path) -> dict[str, list[Any]]:
     return columns
 
 
+def test_the_log_tells_what_has_been_written(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("INFO", "sprl_bench"):
+        for seed, steps in enumerate((100, 40)):
+            env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=seed, budget=100)
+            play(env, steps)
+            env.close()
+    folder = tmp_path / "custom" / "FourRooms-7x7-100" / "mine"
+    assert [(record.levelname, record.getMessage()) for record in caplog.records] == [
+        ("INFO", f"{folder}/seed-0 has its record: all of the 100 env steps."),
+        ("WARNING", f"{folder}/seed-1 has an incomplete record, which no table takes: 40 of 100 env steps."),
+    ]
+
+
 def test_a_single_environment_is_recorded_at_its_budget(tmp_path: Path) -> None:
     env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=3, budget=400)
     play(env, 399)

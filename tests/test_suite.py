@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -25,7 +26,7 @@ from sprl_bench.progress import LiveProgress, PlainProgress, duration, make_obse
 from sprl_bench.recorder.folder import LockedError, is_locked, lock
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.run import InterruptedRunError, SpecChangedError
-from sprl_bench.suite import Observer, Outcome, expand, run_suite, survey
+from sprl_bench.suite import Observer, Outcome, devices, expand, require_device, run_suite, survey
 from sprl_bench.tasks import find_suite
 
 pytestmark = pytest.mark.usefixtures("fakes")
@@ -133,6 +134,27 @@ def test_a_hyperparameter_without_a_default_can_be_set() -> None:
 def test_devices_are_taken_as_they_are_named(device: str) -> None:
     (spec,) = expand(SMOKE, ["random"], [0], device=device)
     assert spec.device == device
+
+
+@pytest.mark.parametrize(
+    ("gpus", "device", "message"),
+    [
+        (0, "cuda", "device is 'cuda', which torch does not find here; there are auto, cpu."),
+        (1, "cuda:1", "device is 'cuda:1', which torch does not find here; there are auto, cpu, cuda:0."),
+    ],
+)
+def test_a_gpu_that_is_not_here_is_refused(
+    gpus: int, device: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(devices, "_gpus", lambda: gpus)
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        require_device(device)
+
+
+@pytest.mark.parametrize(("gpus", "device"), [(0, "cpu"), (0, "auto"), (1, "auto"), (1, "cuda"), (2, "cuda:1")])
+def test_a_device_that_is_here_is_accepted(gpus: int, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "_gpus", lambda: gpus)
+    require_device(device)
 
 
 def test_privileged_agents_are_marked() -> None:
@@ -344,7 +366,9 @@ def test_whatever_ends_the_command_the_workers_stop_with_checkpoints(tmp_path: P
     search = os.pathsep.join([str(Path(__file__).parent / "fakes"), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": search}
     command = [sys.executable, str(script), str(out)]
-    process = subprocess.Popen(command, env=environment, start_new_session=True, stderr=subprocess.DEVNULL)
+    errors = tmp_path / "errors.txt"
+    with errors.open("w") as stderr:
+        process = subprocess.Popen(command, env=environment, start_new_session=True, stderr=stderr)
     try:
         wait_for(lambda: len(list(out.rglob("metrics.jsonl"))) == 2)
         wait_for(lambda: {state.status for state in survey(out)} == {"running"})
@@ -361,6 +385,8 @@ def test_whatever_ends_the_command_the_workers_stop_with_checkpoints(tmp_path: P
     finally:
         process.kill()
     assert process.returncode == -(signal.SIGINT if end == "Ctrl-C" else signal.SIGKILL)
+    if end == "kill -9":
+        assert errors.read_text() == ""  # nobody is left to hear of it
     assert [state.status for state in survey(out)] == ["interrupted", "interrupted"]
     for state in survey(out):
         assert (state.spec.path(out) / "checkpoint.safetensors").exists()
@@ -438,6 +464,15 @@ def test_survey_knows_the_runs_of_scripts(tmp_path: Path) -> None:
     env.close()
     (state,) = survey(tmp_path)
     assert (state.spec.agent, state.status, state.env_steps) == ("mine", "interrupted", 1)
+
+
+def test_survey_refuses_a_run_in_the_folder_of_another(tmp_path: Path) -> None:
+    (spec,) = walkers([0])
+    run_suite([spec], tmp_path, executor=Here())
+    folder = spec.path(tmp_path)
+    folder.rename(folder.with_name("seed-3"))
+    with pytest.raises(InvalidFileError, match=r"seed-3 holds the run that belongs in custom/.*/walker/seed-0; move"):
+        survey(tmp_path)
 
 
 def test_survey_of_nothing(tmp_path: Path) -> None:

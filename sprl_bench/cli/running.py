@@ -47,7 +47,7 @@ def run(
     """Train agents on a suite; the same command again goes on where it stopped."""
     from sprl_bench.executors import make_executor
     from sprl_bench.progress import make_observer
-    from sprl_bench.suite import expand, run_suite
+    from sprl_bench.suite import expand, require_device, run_suite
     from sprl_bench.tasks import find_suite
 
     names = _split(agents, "agents")
@@ -62,7 +62,10 @@ def run(
         overrides=parse_settings(setting or ()),
         device=device,
     )
-    outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
+    works = make_executor(executor, workers)
+    if executor == "local":  # a cluster's own nodes may have what this machine lacks
+        require_device(device)
+    outcomes = run_suite(specs, out, executor=works, observer=make_observer())
     return _report(specs, outcomes, out)
 
 
@@ -94,7 +97,8 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
         typer.echo(f"         sprl-bench plot {out} -o curves.png")
     if failed:
         print(
-            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; the same command tries them again.",
+            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; error.txt in their folders tells more, and "
+            "the same command tries them again.",
             file=sys.stderr,
         )
     return 1 if failed else 0

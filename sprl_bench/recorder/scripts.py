@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import os
 import time
 import warnings
@@ -32,6 +33,8 @@ from sprl_bench.recorder.wrappers import EnvRecorder, Listener, VectorRecorder
 from sprl_bench.records import RunRecord, RunSpec, differences, read
 
 __all__ = ["Recording", "record", "recording"]
+
+logger = logging.getLogger("sprl_bench")
 
 AnyEnv = TypeVar("AnyEnv", bound="gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]")
 NONE: Final[Mapping[str, Any]] = MappingProxyType({})
@@ -191,6 +194,19 @@ class _ScriptRun(Listener):
             if self._log.env_steps:
                 spec = self.spec.model_copy(update={"num_envs": self._log.num_envs})
                 write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
+                self._report()
+
+    def _report(self) -> None:
+        """Tell the log what has been written: that no table will take it is for everybody to hear."""
+        if self._log.complete:
+            logger.info("%s has its record: all of the %d env steps.", self.folder, self.spec.task.budget)
+        else:
+            logger.warning(
+                "%s has an incomplete record, which no table takes: %d of %d env steps.",
+                self.folder,
+                self._log.env_steps,
+                self.spec.task.budget,
+            )
 
 
 @dataclass

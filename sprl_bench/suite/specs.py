@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -12,6 +10,7 @@ from typing import Any, Final
 
 from sprl_bench.agents import AgentFactory, has_hyperparameter, load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
+from sprl_bench.suite.devices import resolve_device
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
 
 __all__ = ["expand"]
@@ -53,7 +52,7 @@ def expand(
     chosen = [_with_budget(suite, task, budget) for task in _chosen_tasks(suite, tasks)]
     _refuse_repeats("agents", [_agent_name(agent) for agent in agents])
     _refuse_repeats("seeds", seeds)
-    made = partial(_spec, overrides=overrides, device=_resolve_device(device), torch_threads=torch_threads)
+    made = partial(_spec, overrides=overrides, device=resolve_device(device), torch_threads=torch_threads)
     return [made(*place, agent, seed) for seed in seeds for place in chosen for agent in agents]
 
 
@@ -101,18 +100,6 @@ def _with_preset(factory: AgentFactory, source: str, preset: str, overrides: Map
     if "preset" in overrides:
         raise ValueError(f"preset is given twice: as @{preset} behind an agent and as preset={overrides['preset']!r}.")
     return {**overrides, "preset": preset}
-
-
-def _resolve_device(device: str) -> str:
-    if not re.fullmatch(r"auto|cpu|cuda(:[0-9]+)?", device):
-        raise ValueError(f"device is {device!r}; allowed are auto, cpu, cuda and cuda:N, as in cuda:0.")
-    if device != "auto":
-        return device
-    if importlib.util.find_spec("torch") is None:
-        return "cpu"
-    import torch  # noqa: PLC0415 - only asked where the choice is left to us
-
-    return "cuda" if torch.cuda.is_available() else "cpu"
 
 
 def _spec(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from sprl_bench.recorder.folder import ERROR, METRICS, RECORD, SPEC, is_locked
-from sprl_bench.records import RunRecord, RunSpec, read
+from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 
 __all__ = ["RunState", "state_of", "survey"]
 
@@ -40,7 +40,7 @@ def survey(out: Path) -> list[RunState]:
 
     Raises:
         FileNotFoundError: There is no such folder.
-        InvalidFileError: A file there is broken.
+        InvalidFileError: A file there is broken, or a run lies in another's folder.
     """
     if not out.exists():
         raise FileNotFoundError(f"{out} does not exist.")
@@ -67,8 +67,11 @@ def state_of(spec: RunSpec, out: Path) -> RunState:
 
 
 def _state(folder: Path) -> RunState:
-    written = (folder / SPEC).exists()
-    spec = read(folder / SPEC, RunSpec) if written else read(folder / RECORD, RunRecord).spec
+    written = folder / SPEC
+    spec = read(written, RunSpec) if written.exists() else read(folder / RECORD, RunRecord).spec
+    place = spec.path(Path())
+    if folder.resolve().parts[-len(place.parts) :] != place.parts:
+        raise InvalidFileError(f"{folder} holds the run that belongs in {place}; move it there, or remove it.")
     return state_of(spec, folder.parents[3])
 
 

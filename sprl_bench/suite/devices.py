@@ -1,0 +1,43 @@
+"""Where agents compute: what may be asked for, and whether it is here."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+
+__all__ = ["require_device", "resolve_device"]
+
+
+def resolve_device(device: str) -> str:
+    """Return the device that is meant: "auto" is a GPU if there is one here.
+
+    Raises:
+        ValueError: There is no such name.
+    """
+    if not re.fullmatch(r"auto|cpu|cuda(:[0-9]+)?", device):
+        raise ValueError(f"device is {device!r}; allowed are auto, cpu, cuda and cuda:N, as in cuda:0.")
+    if device != "auto":
+        return device
+    return "cuda" if _gpus() else "cpu"
+
+
+def require_device(device: str) -> None:
+    """Refuse a GPU that this machine does not have, before any run is begun.
+
+    Raises:
+        ValueError: There is no such device here; the message says what there is.
+    """
+    kind, _, number = resolve_device(device).partition(":")
+    gpus = _gpus() if kind == "cuda" else 0
+    if kind == "cuda" and int(number or 0) >= gpus:
+        there = ", ".join(["auto", "cpu", *(f"cuda:{index}" for index in range(gpus))])
+        raise ValueError(f"device is {device!r}, which torch does not find here; there are {there}.")
+
+
+def _gpus() -> int:
+    """Return how many GPUs torch finds, 0 where torch is not installed."""
+    if importlib.util.find_spec("torch") is None:
+        return 0
+    import torch  # noqa: PLC0415 - it loads slowly, and only this question needs it
+
+    return torch.cuda.device_count() if torch.cuda.is_available() else 0
