@@ -36,9 +36,9 @@ BAR, SHARE_OF_LIMIT = 4, 0.35
 REPEATS = 5
 
 # Multiplications and additions for one observation: three convolutions, the wide layer, the two heads.
-CELLS, WIDTH, ACTIONS = 7 * 7, 512, 7
+CELLS, UNITS, ACTIONS = 7 * 7, 512, 7
 CONVOLUTIONS = ((3, 16), (32, 8), (16, 8))  # channels in and out, each with a 2x2 kernel
-FORWARD = 2 * (CELLS * sum(4 * prod(pair) for pair in CONVOLUTIONS) + CELLS * 16 * WIDTH + WIDTH * (ACTIONS + 1))
+FORWARD = 2 * (CELLS * sum(4 * prod(pair) for pair in CONVOLUTIONS) + CELLS * 16 * UNITS + 2 * UNITS * (ACTIONS + 1))
 WORK_PER_STEP = FORWARD * (1 + 3 * SETTINGS["epochs"])  # act once; a gradient costs three times a forward pass
 
 
@@ -108,18 +108,19 @@ def _sb3(num_threads: int) -> Contender:
         """The same layers in the plainest form; SB3 hands over images with their channels first."""
 
         def __init__(self, space: gymnasium.spaces.Box) -> None:
-            super().__init__(space, WIDTH)
+            super().__init__(space, 2 * UNITS)
             self.scale = nn.Parameter(torch.tensor(LARGEST_CODES).view(1, 3, 1, 1).float(), requires_grad=False)
             self.convolutions = nn.ModuleList(nn.Conv2d(*pair, 2) for pair in CONVOLUTIONS)
-            self.wide = nn.Linear(CELLS * 16, WIDTH)
+            self.wide = nn.Linear(CELLS * 16, UNITS)
 
         def forward(self, images: torch.Tensor) -> torch.Tensor:
-            """`[B, 3, 7, 7]` -> `[B, 512]`."""
+            """`[B, 3, 7, 7]` -> `[B, 1024]`."""
             images = images / self.scale
             for convolution in self.convolutions:
                 images = convolution(functional.pad(images, (0, 1, 0, 1)))
                 images = torch.relu(torch.cat((images, -images), dim=1))
-            return torch.relu(self.wide(images.flatten(1)))
+            responses = self.wide(images.flatten(1))
+            return torch.relu(torch.cat((responses, -responses), dim=1))
 
     network = {"features_extractor_class": AppendixNetwork, "net_arch": [], "normalize_images": False}
     return sb3_ppo(lambda: gymnasium.make(TASK), "CnnPolicy", network, SETTINGS, num_threads)
@@ -128,8 +129,8 @@ def _sb3(num_threads: int) -> Contender:
 def _products(num_threads: int) -> Contender:
     """Return nothing but the widest layer's product, as often as one turn's arithmetic asks for."""
     batch = turn_steps(SETTINGS) // SETTINGS["minibatches"]
-    left, right = torch.randn(batch, CELLS * 16), torch.randn(CELLS * 16, WIDTH)
-    times = round(turn_steps(SETTINGS) * WORK_PER_STEP / (2 * batch * CELLS * 16 * WIDTH))
+    left, right = torch.randn(batch, CELLS * 16), torch.randn(CELLS * 16, UNITS)
+    times = round(turn_steps(SETTINGS) * WORK_PER_STEP / (2 * batch * CELLS * 16 * UNITS))
 
     def turn() -> int:
         torch.set_num_threads(num_threads)

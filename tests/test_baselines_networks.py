@@ -49,7 +49,8 @@ def plain_forward(network: ActorCritic, grids: Tensor) -> tuple[Tensor, Tensor]:
     for weight, bias in zip(layers[1].weights, layers[1].biases, strict=True):
         images = functional.conv2d(functional.pad(images, (0, 1, 0, 1)), weight, bias)
         images = torch.relu(torch.cat((images, -images), dim=1))
-    features = torch.relu(layers[2](images.permute(0, 2, 3, 1).flatten(1)))
+    responses = layers[2](images.permute(0, 2, 3, 1).flatten(1))
+    features = torch.relu(torch.cat((responses, -responses), dim=1))
     return network.head.logits(features), network.value(features).squeeze(1)
 
 
@@ -80,9 +81,9 @@ def test_the_grid_network_has_the_appendix_shapes() -> None:
         "policy_trunk.1.biases.2": (8,),
         "policy_trunk.2.weight": (512, 7 * 7 * 16),
         "policy_trunk.2.bias": (512,),
-        "head.logits.weight": (7, 512),
+        "head.logits.weight": (7, 1024),
         "head.logits.bias": (7,),
-        "value.weight": (1, 512),
+        "value.weight": (1, 1024),
         "value.bias": (1,),
     }
 

@@ -84,7 +84,7 @@ def actor_critic(
     """
     if grid := grid_shape(observation_space):
         policy_trunk = value_trunk = grid_trunk(*grid, grid_encoding, generator)
-        features = GRID_FEATURES
+        features = 2 * GRID_UNITS
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         sizes = observation_space.shape[0], mlp_layers, mlp_units
         policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
@@ -145,13 +145,21 @@ def policy_head(features: int, action_space: spaces.Space[Any], generator: torch
 # --------------------------------------------------------------------------------------------- trunks
 
 GRID_CHANNELS = (16, 8, 8)
-GRID_FEATURES = 512
+GRID_UNITS = 512
 
 
 def grid_trunk(height: int, width: int, frames: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
-    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 512]`."""
+    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
     convolutions, features = grid_convolutions(height, width, frames, encoding, generator)
-    return nn.Sequential(*convolutions, linear(features, GRID_FEATURES, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
+    return nn.Sequential(*convolutions, linear(features, GRID_UNITS, HIDDEN_GAIN, generator), CReLU())
+
+
+class CReLU(nn.Module):
+    """Both rectified signs of every unit (Shang et al. 2016): one of the two always has a gradient."""
+
+    def forward(self, responses: Tensor) -> Tensor:
+        """`[B, F]` -> `[B, 2 F]`."""
+        return functional.relu(torch.cat((responses, -responses), dim=1), inplace=True)
 
 
 def grid_convolutions(
