@@ -131,18 +131,25 @@ def _rectified(images: Array, weights: Arrays, biases: Arrays, offsets: Offsets,
 
 @kernel
 def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Array) -> None:
-    """Add the four taps of all `planes` [C, ...] to the first planes of `out`, one for each of the weights' outputs."""
-    for output in range(weights.shape[0]):
-        row = out[output, :count]
-        for channel in range(weights.shape[1]):
-            plane, taps = planes[channel], weights[output, channel]
+    """Add the four taps of all `planes` [C, ...] to the first planes of `out`, one for each of the weights' outputs.
+
+    Two outputs at a time share what is read of the planes; where their number is odd, the last one's partner is waste.
+    """
+    outputs, channels, _ = weights.shape
+    waste = np.zeros(count, np.float32)
+    for output in range(0, outputs, 2):
+        other = min(output + 1, outputs - 1)
+        row, row_2 = out[output, :count], out[other, :count] if other != output else waste
+        for channel in range(channels):
+            plane, taps, taps_2 = planes[channel], weights[output, channel], weights[other, channel]
             here, right = plane[:count], plane[1 : count + 1]
             below, diagonal = plane[stride : count + stride], plane[stride + 1 : count + stride + 1]
             first, second, third, fourth = taps[0], taps[1], taps[2], taps[3]
+            first_2, second_2, third_2, fourth_2 = taps_2[0], taps_2[1], taps_2[2], taps_2[3]
             for place in range(count):
-                row[place] += (
-                    first * here[place] + second * right[place] + third * below[place] + fourth * diagonal[place]
-                )
+                one, two, three, four = here[place], right[place], below[place], diagonal[place]
+                row[place] += first * one + second * two + third * three + fourth * four
+                row_2[place] += first_2 * one + second_2 * two + third_2 * three + fourth_2 * four
 
 
 @kernel

@@ -52,13 +52,14 @@ class CReLUConvolutions(nn.Module):
         return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
 
     def _can_compile(self, images: Tensor) -> bool:
-        tensors = (images, *self.weights, *self.biases)
-        fit = all(tensor.device.type == "cpu" and tensor.dtype == torch.float32 for tensor in tensors)
+        fit = all(one.device.type == "cpu" and one.dtype == torch.float32 for one in (images, self.weights[0]))
         return fit and not images.requires_grad
 
     def _compiled(self, images: Tensor) -> Tensor:
-        cells = images.permute(0, 2, 3, 1)
-        features: Tensor = _Compiled.apply(cells, len(self.weights), *self.weights, *self.biases)  # type: ignore[no-untyped-call]
+        cells, parameters = images.permute(0, 2, 3, 1), (*self.weights, *self.biases)
+        if not torch.is_grad_enabled():
+            return _features(cells, parameters)
+        features: Tensor = _Compiled.apply(cells, *parameters)  # type: ignore[no-untyped-call]
         return features
 
     def _plain(self, images: Tensor) -> Tensor:
@@ -72,21 +73,17 @@ class _Compiled(torch.autograd.Function):
     """The compiled functions, as PyTorch calls them. The images get no gradient."""
 
     @staticmethod
-    def forward(ctx: Any, images: Tensor, layers: int, *parameters: Tensor) -> Tensor:
+    def forward(ctx: Any, images: Tensor, *parameters: Tensor) -> Tensor:
         """Images `[B, H, W, C]`, then every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
         ctx.save_for_backward(images, *parameters)
-        ctx.layers = layers
-        weights, biases = _arrays(parameters, layers)
-        features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
-        convolution_kernels.forward(_array(images), weights, biases, features)
-        return torch.from_numpy(features)
+        return _features(images, parameters)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
-        weights, biases = _arrays(parameters, ctx.layers)
+        weights, biases = _arrays(parameters)
         weight_gradients = tuple(np.zeros_like(weight) for weight in weights)
         bias_gradients = tuple(np.zeros_like(bias) for bias in biases)
         convolution_kernels.backward(
@@ -94,14 +91,23 @@ class _Compiled(torch.autograd.Function):
         )
         gradients = map(torch.from_numpy, (*weight_gradients, *bias_gradients))
         shaped = [gradient.view_as(parameter) for gradient, parameter in zip(gradients, parameters, strict=True)]
-        return (None, None, *shaped)
+        return (None, *shaped)
 
 
 def _array(tensor: Tensor) -> Array:
     return tensor.detach().contiguous().numpy()
 
 
-def _arrays(parameters: Sequence[Tensor], layers: int) -> tuple[Arrays, Arrays]:
+def _features(images: Tensor, parameters: Sequence[Tensor]) -> Tensor:
+    """Images `[B, H, W, C]`, and every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
+    weights, biases = _arrays(parameters)
+    features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
+    convolution_kernels.forward(_array(images), weights, biases, features)
+    return torch.from_numpy(features)
+
+
+def _arrays(parameters: Sequence[Tensor]) -> tuple[Arrays, Arrays]:
     """Return the weights, each `[O, C, 2, 2]` as `[O, C, 4]`, and the biases, each `[O]`."""
+    layers = len(parameters) // 2
     weights = tuple(_array(weight.flatten(2)) for weight in parameters[:layers])
     return weights, tuple(_array(bias) for bias in parameters[layers:])
