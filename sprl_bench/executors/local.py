@@ -8,13 +8,14 @@ import multiprocessing
 import os
 import signal
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Final, Generic
 
 from sprl_bench.executors.protocol import Result, WorkerDiedError
+from sprl_bench.executors.under_way import under_way
 from sprl_bench.executors.variables import worker_environment
 from sprl_bench.records import RunSpec
 
@@ -34,24 +35,16 @@ class LocalExecutor:
         self, function: Callable[[RunSpec], Result], specs: Sequence[RunSpec]
     ) -> Iterator[tuple[RunSpec, Result | WorkerDiedError]]:
         """Call `function` on each spec in a process of its own; see `Executor`."""
-        waiting = deque(specs)
-        running: list[_Worker[Result]] = []
-        try:
-            while waiting or running:
-                while waiting and len(running) < self.workers:
-                    running.append(_Worker(function, waiting.popleft()))
-                for worker in _ended(running):
-                    running.remove(worker)
-                    yield worker.spec, worker.result()
-        finally:
-            _stop(running)
+        calls = under_way(specs, self.workers, start=partial(_Worker, function), ended=_ended, stop=_stop)
+        with contextlib.closing(calls):
+            for spec, worker in calls:
+                yield spec, worker.result()
 
 
 class _Worker(Generic[Result]):
     """One call in one process."""
 
     def __init__(self, function: Callable[[RunSpec], Result], spec: RunSpec) -> None:
-        self.spec = spec
         context = multiprocessing.get_context("spawn")
         self.receiver, sender = context.Pipe(duplex=False)
         self.process: SpawnProcess = context.Process(target=_work, args=(function, spec, sender), name=str(spec.seed))

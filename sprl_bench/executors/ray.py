@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections import deque
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 from sprl_bench.executors.extras import require_extra
 from sprl_bench.executors.protocol import Result, WorkerDiedError
+from sprl_bench.executors.under_way import under_way
 from sprl_bench.executors.variables import worker_environment
 from sprl_bench.records import RunSpec
 
@@ -26,18 +28,12 @@ class RayExecutor:
     ) -> Iterator[tuple[RunSpec, Result | WorkerDiedError]]:
         """Call `function` on each spec as a task; see `Executor`."""
         self._ray.init(ignore_reinit_error=True)
-        waiting: deque[RunSpec] = deque(specs)
-        running: dict[Any, RunSpec] = {}
-        try:
-            while waiting or running:
-                while waiting and len(running) < (self.workers or len(specs)):
-                    spec = waiting.popleft()
-                    running[self._submit(function, spec)] = spec
-                for task in self._ray.wait(list(running), num_returns=1)[0]:
-                    yield running.pop(task), self._result(task)
-        finally:
-            for task in running:
-                self._ray.cancel(task)
+        tasks = under_way(
+            specs, self.workers, start=partial(self._submit, function), ended=self._ended, stop=self._cancel
+        )
+        with contextlib.closing(tasks):
+            for spec, task in tasks:
+                yield spec, self._result(task)
 
     def _submit(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> Any:
         options = {
@@ -47,6 +43,14 @@ class RayExecutor:
             "runtime_env": {"env_vars": worker_environment(spec)},
         }
         return self._ray.remote(function).options(**options).remote(spec)
+
+    def _ended(self, tasks: Sequence[Any]) -> Sequence[Any]:
+        ended: Sequence[Any] = self._ray.wait(list(tasks), num_returns=1)[0]
+        return ended
+
+    def _cancel(self, tasks: Sequence[Any]) -> None:
+        for task in tasks:
+            self._ray.cancel(task)
 
     def _result(self, task: Any) -> Any:
         try:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, Final
 
 from sprl_bench.executors.extras import require_extra
 from sprl_bench.executors.protocol import Result, WorkerDiedError
+from sprl_bench.executors.under_way import under_way
 from sprl_bench.executors.variables import worker_environment
 from sprl_bench.records import RunSpec
 
@@ -28,19 +30,10 @@ class SlurmExecutor:
         self, function: Callable[[RunSpec], Result], specs: Sequence[RunSpec]
     ) -> Iterator[tuple[RunSpec, Result | WorkerDiedError]]:
         """Call `function` on each spec as a job; see `Executor`."""
-        waiting: deque[RunSpec] = deque(specs)
-        running: dict[Any, RunSpec] = {}
-        try:
-            while waiting or running:
-                while waiting and len(running) < (self.workers or len(specs)):
-                    spec = waiting.popleft()
-                    running[self._submit(function, spec)] = spec
-                for job in [job for job in running if job.done()]:
-                    yield running.pop(job), self._result(job)
-                time.sleep(POLL_S)
-        finally:
-            for job in running:
-                job.cancel()
+        jobs = under_way(specs, self.workers, start=partial(self._submit, function), ended=_ended, stop=_cancel)
+        with contextlib.closing(jobs):
+            for spec, job in jobs:
+                yield spec, self._result(job)
 
     def _submit(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> Any:
         executor = self._submitit.AutoExecutor(folder="slurm-logs")
@@ -57,3 +50,15 @@ class SlurmExecutor:
     def _result(self, job: Any) -> Any:
         error = job.exception()
         return job.result() if error is None else WorkerDiedError(str(error))
+
+
+def _ended(jobs: Sequence[Any]) -> Sequence[Any]:
+    ended = [job for job in jobs if job.done()]
+    if not ended:
+        time.sleep(POLL_S)
+    return ended
+
+
+def _cancel(jobs: Sequence[Any]) -> None:
+    for job in jobs:
+        job.cancel()
