@@ -94,6 +94,20 @@ def test_every_network_of_the_fetch_tasks_is_that_of_appendix_g4() -> None:
         assert (resolved["mlp_layers"], resolved["mlp_units"]) == (4, 256)
 
 
+@pytest.mark.parametrize("domain", ["dmlab", "atari"])
+def test_the_reachability_network_for_images_has_three_wide_layers(domain: str) -> None:
+    """Appendix E.4, which F.4 takes over."""
+    for agent in (eco, sprl):
+        resolved = agent.hyperparameters(domain, {})
+        assert [resolved[name] for name in ("embedding_units", "head_layers", "head_units")] == [512, 3, 512]
+
+
+def test_gradients_are_cut_at_ten_where_the_authors_did_so() -> None:
+    cuts = {(domain, agent): AGENTS[agent].hyperparameters(domain, {})["max_grad_norm"] for domain, agent, _ in ROWS}
+    assert {where for where, cut in cuts.items() if cut != 0.5} == {("dmlab", "sprl")}
+    assert cuts["dmlab", "sprl"] == 10
+
+
 @pytest.mark.parametrize(
     ("agent", "domain", "preset"),
     [("gt-grid", "fetch", "table"), ("gt-sprl", "atari", "table"), ("ppo", "grid", "ablation")],

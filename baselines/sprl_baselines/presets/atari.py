@@ -11,6 +11,9 @@ NETWORK: Mapping[str, Any] = {
     "negative_bias": 80,
     "replay_size": 30_000,
     "max_pairs": 30_000,  # as in the settings that the authors published
+    "embedding_units": 512,  # appendix E.4, to which F.4 refers
+    "head_layers": 3,
+    "head_units": 512,
     "later_from": 1_000_000,  # appendix F.3, as all that follows
     "train_every_later": 150_000,
     "weight_decay": 0.03,

@@ -13,7 +13,10 @@ FRAME: Mapping[str, Any] = {"clip_range": 0.1, "anneal_clip_range": True, "annea
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {
     "max_pairs": 30_000,  # as in the settings that the authors published
-    "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M, 12K for another, then 36K
+    "embedding_units": 512,  # appendix E.4: three layers of 512 on top of two branches of 512
+    "head_layers": 3,
+    "head_units": 512,
+    "later_from": 1_000_000,  # appendix E.3, as what follows: every 6K steps for 1M, 12K for another, then 36K
     "last_from": 2_000_000,
 }
 TABLE: Mapping[str, Mapping[str, Any]] = {
@@ -31,6 +34,7 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     "sprl": {
         **FRAME,
         **NETWORK,
+        "max_grad_norm": 10.0,  # as in the settings that the authors published, for SPRL alone
         "learning_rate": 0.0003,
         "entropy_coefficient": 0.004,
         "k": 10,

@@ -40,7 +40,7 @@ class ReachabilityConfig(HorizonConfig):
     weight_decay: Weight = 0.0  # pull of all weights, but not of biases and normalisation, towards 0 (appendix F.3)
     label_smoothing: Share = 0.0  # targets are as far apart as 1 minus this (appendix F.3)
     pair_input: Annotated[str, Choice(*PAIR_INPUTS)] = "pair"  # both states, or the later and the "difference" (F.4)
-    embedding_units: Count = 128  # features of a grid
+    embedding_units: Count = 128  # of the layer that embeds a grid; its rectifier gives twice as many features
     head_layers: Count = 2  # hidden layers over a pair
     head_units: Count = 128  # width of each
     reachability_grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"  # as the policy's `grid_encoding`

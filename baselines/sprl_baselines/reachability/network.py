@@ -1,7 +1,7 @@
 """The network that judges pairs: what each state looks like alone, and a head over two of them.
 
-Grids: the policy's three convolutions (appendix D.3) and a fully connected layer for each state, then a head; the paper
-does not say what it used there. Flat observations: the head alone (appendix G.4).
+Grids: the policy's three convolutions and a fully connected layer for each state, all with CReLU (appendix D.3), then a
+head; the paper does not say what it used there. Flat observations: the head alone (appendix G.4).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gymnasium import Space, spaces
 from torch import Tensor, nn
 
 from sprl_baselines.grids import grid_shape
-from sprl_baselines.networks import HIDDEN_GAIN, VALUE_GAIN, ToFloat, grid_convolutions, linear
+from sprl_baselines.networks import HIDDEN_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
 
 PAIR_INPUTS = ("pair", "difference")
 
@@ -101,8 +101,8 @@ def reachability_network(
     """
     if grid := grid_shape(observation_space):
         convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
-        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, HIDDEN_GAIN, generator), nn.ReLU())
-        size = embedding_units
+        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, HIDDEN_GAIN, generator), CReLU())
+        size = 2 * embedding_units
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         embedding, size = nn.Sequential(ToFloat()), observation_space.shape[0]
     else:
