@@ -283,8 +283,8 @@ def test_the_scale_of_a_bonus_reaches_the_learner_and_nothing_else(name: str, mo
 
 
 def test_minibatches_beyond_the_rollout_are_refused_before_anything_is_run() -> None:
-    with pytest.raises(ValueError, match=r"icm_minibatches=3073 must be at most num_envs \* rollout_length, 3072"):
-        FACTORIES["icm"].hyperparameters("grid", {"icm_minibatches": 3073})
+    with pytest.raises(ValueError, match=r"icm_minibatches=1537 must be at most num_envs \* rollout_length, 1536"):
+        FACTORIES["icm"].hyperparameters("grid", {"icm_minibatches": 1537})
 
 
 @pytest.mark.parametrize("name", ["eco", "gt-grid", "gt-sprl", "icm", "ppo", "sprl"])

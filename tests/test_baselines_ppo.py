@@ -233,9 +233,9 @@ def test_every_epoch_sees_every_sample_once_in_near_equal_parts() -> None:
 
 def test_annealing_follows_the_remaining_budget() -> None:
     rollout = made_up_rollout()
-    annealed = learner(anneal_learning_rate=True, anneal_clip_range=True).update(rollout, rollout.rewards, 0.25)
+    annealed = learner().update(rollout, rollout.rewards, 0.25)
     assert (annealed["learning_rate"], annealed["clip_range"]) == pytest.approx((0.003 / 4, 0.2 / 4))
-    constant = learner().update(rollout, rollout.rewards, 0.25)
+    constant = learner(anneal_learning_rate=False, anneal_clip_range=False).update(rollout, rollout.rewards, 0.25)
     assert (constant["learning_rate"], constant["clip_range"]) == (0.003, 0.2)
 
 

@@ -102,6 +102,20 @@ def test_the_reachability_network_for_images_has_three_wide_layers(domain: str) 
         assert [resolved[name] for name in ("embedding_units", "head_layers", "head_units")] == [512, 3, 512]
 
 
+def test_all_agents_of_a_domain_share_the_frame() -> None:
+    names = ("num_envs", "rollout_length", "clip_range", "anneal_clip_range", "anneal_learning_rate")
+    frames: dict[str, set[tuple[Any, ...]]] = {}
+    for domain, agent, _ in ROWS:
+        resolved = AGENTS[agent].hyperparameters(domain, {})
+        frames.setdefault(domain, set()).add(tuple(resolved[name] for name in names))
+    assert frames == {
+        "grid": {(12, 128, 0.2, True, True)},
+        "dmlab": {(12, 256, 0.1, True, True)},
+        "atari": {(12, 256, 0.1, True, True)},
+        "fetch": {(12, 256, 0.2, False, False)},
+    }
+
+
 def test_gradients_are_cut_at_ten_where_the_authors_did_so() -> None:
     cuts = {(domain, agent): AGENTS[agent].hyperparameters(domain, {})["max_grad_norm"] for domain, agent, _ in ROWS}
     assert {where for where, cut in cuts.items() if cut != 0.5} == {("dmlab", "sprl")}

@@ -30,11 +30,11 @@ class PPOConfig(Config):
     """Hyperparameters of the learner."""
 
     num_envs: Count = 12  # sub-envs that step together
-    rollout_length: Count = 256  # steps of each sub-env between two updates
+    rollout_length: Count = 128  # steps of each sub-env between two updates
     epochs: Count = 4  # passes over a rollout
     minibatches: Count = 4  # gradient steps in a pass
     learning_rate: Positive = 0.003  # Adam's step size (Table 1)
-    anneal_learning_rate: bool = False  # let it fall linearly to 0 over the budget
+    anneal_learning_rate: bool = True  # let it fall linearly to 0 over the budget
     adam_epsilon: Positive = 1e-5  # Adam's guard against division by zero
     max_grad_norm: Positive = 0.5  # longer gradients are cut to this length
     gamma: Share = 0.99  # discount per env step
@@ -42,7 +42,7 @@ class PPOConfig(Config):
     bootstrap_on_truncation: bool = False  # whether an episode cut by its time limit keeps its successor's value
     normalize_advantages: bool = True  # to zero mean and unit deviation within each minibatch
     clip_range: Positive = 0.2  # how far the probability ratio may gain from moving away from 1
-    anneal_clip_range: bool = False  # let it fall linearly to 0 over the budget
+    anneal_clip_range: bool = True  # let it fall linearly to 0 over the budget
     clip_value: bool = True  # bound the value's move by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)

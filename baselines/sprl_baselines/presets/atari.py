@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-COMMON: Mapping[str, Any] = {"learning_rate": 0.0005}  # Table 4
+from sprl_baselines.presets.dmlab import FRAME
+
+COMMON: Mapping[str, Any] = {**FRAME, "learning_rate": 0.0005}  # Table 4; it is silent on the frame
 NETWORK: Mapping[str, Any] = {
     "k": 12,
     "negative_bias": 80,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-FRAME: Mapping[str, Any] = {"clip_range": 0.1, "anneal_clip_range": True, "anneal_learning_rate": True}
+FRAME: Mapping[str, Any] = {"clip_range": 0.1, "rollout_length": 256}
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {
     "max_pairs": 30_000,  # as in the settings that the authors published

@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+# Of PPO's frame, about which the paper is silent, what differs from that of the grids.
+FRAME: Mapping[str, Any] = {"rollout_length": 256, "anneal_clip_range": False, "anneal_learning_rate": False}
 # Table 5's final values, and G.3's normalisation of rewards. The table has no GT-Grid, as there are no cells.
-COMMON: Mapping[str, Any] = {"learning_rate": 0.0005, "action_noise": 0.003, "reward_normalization": "extrinsic"}
+COMMON: Mapping[str, Any] = {
+    **FRAME,
+    "learning_rate": 0.0005,
+    "action_noise": 0.003,
+    "reward_normalization": "extrinsic",
+}
 EXPLORING: Mapping[str, Any] = {**COMMON, "entropy_coefficient": 0.001}
 NETWORK: Mapping[str, Any] = {
     "k": 10,
