@@ -77,7 +77,7 @@ def test_cartpole_is_solved(seed: int) -> None:
 
 
 def episode_returns(agent: Any, budget: int, seed: int) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-    """Train on FourRooms for the first `budget` of 500,000 env steps; return when each episode ended, and its return."""
+    """Train for the first `budget` of 500,000 env steps on FourRooms; return when episodes ended, and their returns."""
     envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=12, num_threads=1)
     envs.reset(seed=seed)
     step, open_returns, ends, steps = envs.step, np.zeros(12), [], 0
