@@ -1,8 +1,7 @@
 """How PPO's settings for the grids are chosen, where the paper's appendix gives none.
 
 What is run is declared here and in docs/ppo-sweep.md before it is run. `python -m benchmarks.sweep_ppo_grid
-runs/ppo-sweep`
-runs it, two runs at once or as many as its second argument says, and resumes where it stopped.
+runs/ppo-sweep` runs it, two runs at once or as many as its second argument says, and resumes where it stopped.
 """
 
 from __future__ import annotations
