@@ -1,7 +1,7 @@
 """What each bonus costs: the steps a second of every reference agent over those of plain PPO, on the same task.
 
 Every bonus is computed in full but weighs nothing, so all agents live through the very steps that PPO does: what
-differs is the bonus's own work. A turn is two rollouts and updates, and so one training of a reachability network.
+differs is the bonus's own work. A turn is four rollouts and updates, and so one training of a reachability network.
 Before the first one that is timed, each agent has filled its replay, and its network is trusted from its first training
 on, for this alone: it then does all the work that it will ever do.
 """
@@ -33,7 +33,7 @@ SAME_STEPS: Mapping[str, Mapping[str, Any]] = {
     "sprl": {"cost_scale": 0.0, "learning_rate": PPOConfig.learning_rate, **TRUSTED},
     "eco": {"bonus_weight": 0.0, **TRUSTED},
 }
-WARM_UP, TURN, REPEATS, NUM_THREADS = 20, 2, 7, 1  # updates, updates, turns
+WARM_UP, TURN, REPEATS, NUM_THREADS = 40, 4, 7, 1  # updates, updates, turns
 
 
 def rows() -> list[Row]:
