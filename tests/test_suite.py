@@ -466,6 +466,15 @@ def test_survey_knows_the_runs_of_scripts(tmp_path: Path) -> None:
     assert (state.spec.agent, state.status, state.env_steps) == ("mine", "interrupted", 1)
 
 
+def test_survey_takes_any_way_to_the_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (spec,) = walkers([0])
+    run_suite([spec], tmp_path / "runs", executor=Here())
+    (tmp_path / "link").symlink_to(tmp_path / "runs")
+    monkeypatch.chdir(spec.path(tmp_path / "runs").parent)
+    for way in (Path(), Path(".."), tmp_path / "link", spec.path(tmp_path / "runs")):
+        assert [state.spec for state in survey(way)] == [spec]
+
+
 def test_survey_refuses_a_run_in_the_folder_of_another(tmp_path: Path) -> None:
     (spec,) = walkers([0])
     run_suite([spec], tmp_path, executor=Here())

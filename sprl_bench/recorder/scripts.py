@@ -197,7 +197,7 @@ class _ScriptRun(Listener):
                 self._report()
 
     def _report(self) -> None:
-        """Tell the log what has been written: that no table will take it is for everybody to hear."""
+        """Log what was written; warn where no table will take it."""
         if self._log.complete:
             logger.info("%s has its record: all of the %d env steps.", self.folder, self.spec.task.budget)
         else:

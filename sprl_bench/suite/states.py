@@ -44,7 +44,8 @@ def survey(out: Path) -> list[RunState]:
     """
     if not out.exists():
         raise FileNotFoundError(f"{out} does not exist.")
-    folders = {path.parent for name in (SPEC, RECORD) for path in out.rglob(name)}
+    root = Path(os.path.normpath(out.absolute()))  # so that a path like ".." has parents too
+    folders = {path.parent for name in (SPEC, RECORD) for path in root.rglob(name)}
     return [_state(folder) for folder in sorted(folders)]
 
 
@@ -70,7 +71,7 @@ def _state(folder: Path) -> RunState:
     written = folder / SPEC
     spec = read(written, RunSpec) if written.exists() else read(folder / RECORD, RunRecord).spec
     place = spec.path(Path())
-    if folder.resolve().parts[-len(place.parts) :] != place.parts:
+    if folder.parts[-len(place.parts) :] != place.parts:
         raise InvalidFileError(f"{folder} holds the run that belongs in {place}; move it there, or remove it.")
     return state_of(spec, folder.parents[3])
 

@@ -13,7 +13,7 @@ FRAME: Mapping[str, Any] = {"clip_range": 0.1, "rollout_length": 256}
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {
     "max_pairs": 30_000,  # as in the settings that the authors published
-    "embedding_units": 512,  # appendix E.4: three layers of 512 on top of two branches of 512
+    "embedding_units": 512,  # appendix E.4: branches that end in 512 units, and three layers of 512
     "head_layers": 3,
     "head_units": 512,
     "later_from": 1_000_000,  # appendix E.3, as what follows: every 6K steps for 1M, 12K for another, then 36K
