@@ -16,7 +16,7 @@ NETWORK: Mapping[str, Any] = {
     "embedding_units": 512,  # appendix E.4: branches that end in 512 units, and three layers of 512
     "head_layers": 3,
     "head_units": 512,
-    "later_from": 1_000_000,  # appendix E.3, as what follows: every 6K steps for 1M, 12K for another, then 36K
+    "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M, 12K for another, then 36K
     "last_from": 2_000_000,
 }
 TABLE: Mapping[str, Mapping[str, Any]] = {
