@@ -116,17 +116,41 @@ def test_the_curve_follows_from_the_stamps() -> None:
     assert (curve[10:] == 0.5).all()
 
 
-def test_explicit_resets_drop_the_unfinished_episode_and_are_noted() -> None:
+def test_what_is_reset_before_its_end_is_a_failure() -> None:
     envs = scripted(AutoresetMode.SAME_STEP)
     envs.reset()
     step(envs, 1)
     envs.reset(options={"reset_mask": np.array([False, True])})
     assert envs.episode_log.abandoned == 1
+    step(envs, 2)
+    assert rows(envs.episode_log) == [(2, 1, 0.0, 1, False), (3, 0, 1.0, 2, True), (4, 1, -1.0, 1, False)]
+    envs.reset()
+    envs.reset()
+    assert envs.episode_log.abandoned == 3
+    assert rows(envs.episode_log)[3:] == [(5, 0, 0.0, 1, False), (6, 1, 0.0, 1, False)]
+
+
+def test_a_reset_after_the_budget_adds_nothing() -> None:
+    envs = scripted(AutoresetMode.SAME_STEP, budget=2)
+    envs.reset()
     step(envs, 1)
-    assert rows(envs.episode_log) == [(3, 0, 1.0, 2, True), (4, 1, -1.0, 1, False)]
     envs.reset()
-    envs.reset()
-    assert envs.episode_log.abandoned == 1
+    assert (rows(envs.episode_log), envs.episode_log.abandoned) == ([], 0)
+
+
+def test_a_shorter_time_limit_above_cannot_raise_a_score() -> None:
+    from harness_fakes import Scripted
+
+    log = EpisodeLog(0, 12, AutoresetMode.DISABLED)
+    # It succeeds with its third step, then with its first, and then fails.
+    script = [([0.0, 0.0, 1.0], True), ([1.0], True), ([0.0] * 50, False)]
+    env = gymnasium.wrappers.TimeLimit(EnvRecorder(Scripted(script), log, log.add_env()), 2)
+    env.reset()
+    while not log.complete:
+        *_, terminated, truncated, _ = env.step(0)
+        if terminated or truncated:
+            env.reset()
+    assert [row[2:] for row in rows(log)] == [(0.0, 2, False), (1.0, 1, True), *[(0.0, 2, False)] * 4]
 
 
 def test_nothing_beyond_the_budget_is_scored() -> None:
@@ -240,13 +264,16 @@ class Reference:
     def __init__(self, index: int, mode: AutoresetMode) -> None:
         self.index, self.mode = index, mode
         self.rewards: list[Fraction] = []
-        self.over = False
+        self.over, self.stamp = False, 0
 
-    def reset(self) -> None:
+    def reset(self) -> list[tuple[int, int, float, int, bool]]:
+        rows = [(self.stamp, self.index, float(sum(self.rewards)), len(self.rewards), False)] if self.rewards else []
         self.rewards, self.over = [], False
+        return rows
 
     def step(self, reward: float, ended: bool, success: bool, stamp: int) -> list[tuple[int, int, float, int, bool]]:
         self.rewards.append(Fraction(reward))
+        self.stamp = stamp
         if not ended:
             return []
         row = (stamp, self.index, float(sum(self.rewards)), len(self.rewards), success)
@@ -259,14 +286,15 @@ def reference(envs: int, stream: Steps, mode: AutoresetMode, budget: int) -> lis
     for rewards, ended, success, reset in stream:
         for single, wanted in zip(singles, reset, strict=True):
             if wanted or (single.over and mode is AutoresetMode.DISABLED):
-                single.reset()
+                abandoned = single.reset()
+                found += abandoned if stamp < budget else []
         for single, *what in zip(singles, rewards, ended, success, strict=True):
             if single.over:
                 single.reset()
             else:
                 stamp += 1
                 found += single.step(*what, stamp)
-    return [row for row in found if row[0] <= budget]
+    return sorted(row for row in found if row[0] <= budget)
 
 
 def feed(log: EpisodeLog, stream: Steps) -> None:

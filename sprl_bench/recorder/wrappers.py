@@ -64,7 +64,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         self._listener = listener
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; unfinished episodes of what is reset are dropped.
+        """Reset the environment; unfinished episodes of what is reset count as failures.
 
         Raises:
             ValueError: A seed is given where the environment has its own.
@@ -130,7 +130,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._listener = listener
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; an unfinished episode is dropped."""
+        """Reset the environment; an unfinished episode counts as a failure."""
         self._listener.resetting(self._index)
         observation, info = self.env.reset(seed=seed, options=options)
         self.episode_log.reset(self._here)
