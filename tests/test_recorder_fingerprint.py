@@ -15,7 +15,6 @@ from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.records import TaskSpec
 from sprl_bench.tasks import SUITES, Task
 
-
 # Every environment, the longest horizon, and the strongest noise.
 TASKS = [
     *(task for name in ("grid", "fetch", "fetch-sparse") for task in SUITES[name].tasks),

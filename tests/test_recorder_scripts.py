@@ -188,6 +188,44 @@ def test_an_environment_that_was_only_looked_at_is_no_member(tmp_path: Path) -> 
     assert only_record(tmp_path).totals.env_steps == 10
 
 
+def test_an_environment_that_was_closed_before_its_first_step_is_not_counted(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=400):
+        gymnasium.make_vec(ID, 3).close()
+        gymnasium.make(ID).close()
+        env = gymnasium.make(ID)
+        gymnasium.make(ID).close()
+        play(env, 400)
+    record = only_record(tmp_path)
+    assert (record.status, record.spec.num_envs) == ("complete", 1)
+
+
+def test_an_evaluation_environment_beside_a_vector_environment_is_refused(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=400) as recording:
+        envs = gymnasium.make_vec(ID, 2)
+        with pytest.raises(ValueError, match=r"being recorded already. .* recording.paused\(\)"):
+            gymnasium.make(ID)
+        with recording.paused():
+            play(gymnasium.make(ID), 10)
+        play_all(envs, 200)
+    record = only_record(tmp_path)
+    assert (record.status, record.spec.num_envs) == ("complete", 2)
+
+
+def test_a_block_notes_privileges_and_hyperparameters(tmp_path: Path) -> None:
+    with sprl_bench.recording(
+        out=tmp_path, agent="mine", seed=0, budget=10, privileged=True, hyperparameters={"rate": 0.1}
+    ):
+        play(gymnasium.make(ID), 10)
+    assert (only_record(tmp_path).spec.privileged, only_record(tmp_path).spec.hyperparameters) == (True, {"rate": 0.1})
+
+
+def test_a_time_limit_above_is_scored_as_failure(tmp_path: Path) -> None:
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, budget=1000)
+    play(gymnasium.wrappers.TimeLimit(env, 10), 1000)
+    record = only_record(tmp_path)
+    assert 90 < record.totals.abandoned == record.totals.episodes - record.totals.successes
+
+
 def test_a_block_records_each_task_and_puts_gymnasium_back(tmp_path: Path) -> None:
     before = gymnasium.make, gymnasium.make_vec
     with (

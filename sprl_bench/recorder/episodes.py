@@ -69,6 +69,11 @@ class EpisodeLog:
         return self.num_envs - 1
 
     @property
+    def num_stepped(self) -> int:
+        """How many of the sub-environments have taken a step."""
+        return int(np.count_nonzero(self._stamps))
+
+    @property
     def complete(self) -> bool:
         """Whether the budget is reached."""
         return self.env_steps >= self.budget

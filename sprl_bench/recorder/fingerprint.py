@@ -64,7 +64,8 @@ def trajectory(envs: VectorEnv[Any, Any, Any], env_id: str) -> Iterator[tuple[An
         ended |= seen[2] | seen[3]
         yield seen
     if env_id in EPISODES:
-        yield (envs.reset(seed=list(EPISODES[env_id].seeds))[0],)
+        seeds: Any = list(EPISODES[env_id].seeds)  # each its own, which Gymnasium's type leaves out
+        yield (envs.reset(seed=seeds)[0],)
         for actions in EPISODES[env_id].actions(envs.single_action_space):
             yield _step(envs, actions)
 

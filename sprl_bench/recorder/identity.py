@@ -122,7 +122,8 @@ def _check_time_limit(limit: int | None, registered: EnvSpec) -> None:
     if limit not in (None, -1, registered.max_episode_steps):
         raise ValueError(
             f"max_episode_steps={limit} changes where episodes of {registered.id} end; it is "
-            f"{registered.max_episode_steps} there. Leave it out: what a TimeLimit above the recorder cuts counts as failed."
+            f"{registered.max_episode_steps} there. Leave it out; above the recorder a TimeLimit may lie, and what it "
+            "cuts counts as failed."
         )
 
 

@@ -86,8 +86,8 @@ def _run_of(
     budget: int | None,
     agent: str,
     seed: int,
-    privileged: bool = False,
-    hyperparameters: Mapping[str, Any] = NONE,
+    privileged: bool,
+    hyperparameters: Mapping[str, Any],
 ) -> _ScriptRun:
     """Return the run of this process that an environment belongs to."""
     spec = RunSpec.of(
@@ -129,7 +129,7 @@ class _ScriptRun(Listener):
         self._owned.callback(_LIVE.pop, folder)
         _LIVE[folder] = self
         self._process, self._started = os.getpid(), time.perf_counter()
-        self._log = EpisodeLog(0, spec.task.budget, AutoresetMode.DISABLED)
+        self._log, self._vector = self._empty_log(), False
         self._open: dict[int, _Turns] = {}
         self._final = False
         try:
@@ -143,21 +143,27 @@ class _ScriptRun(Listener):
         """Return `env` with a recorder that writes to this run.
 
         Raises:
-            ValueError: The run has begun without it, or it is a second vector environment.
+            ValueError: The run has begun without it, or one of the two is a vector environment.
         """
         vector = isinstance(env, VectorEnv)
-        if self._log.env_steps or (self._open and vector):
+        if self._log.env_steps or (self._open and (vector or self._vector)):
             raise ValueError(f"{self.folder} is being recorded already. {ELSEWHERE}")
         recorder: Any
         if vector:
             recorder = VectorRecorder(env, self.spec.task.budget, self)
             self._log, index = recorder.episode_log, 0
         else:
+            if self._vector:
+                self._log = self._empty_log()
             index = self._log.add_env()
             recorder = EnvRecorder(env, self._log, index, self)
+        self._vector = vector
         self._open[index] = _Turns()
         weakref.finalize(recorder, self.closed, index)  # when it is forgotten, or at the end of the process
         return recorder
+
+    def _empty_log(self) -> EpisodeLog:
+        return EpisodeLog(0, self.spec.task.budget, AutoresetMode.DISABLED)
 
     def stepping(self, index: int) -> None:
         """Refuse a step out of turn: with N environments, each takes its step before one takes its next."""
@@ -192,7 +198,7 @@ class _ScriptRun(Listener):
         self._final = True
         with self._owned:
             if self._log.env_steps:
-                spec = self.spec.model_copy(update={"num_envs": self._log.num_envs})
+                spec = self.spec.model_copy(update={"num_envs": self._log.num_stepped})
                 write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
                 self._report()
 
@@ -275,7 +281,14 @@ class Recording:
 
 @contextlib.contextmanager
 def recording(
-    *, out: str | Path, agent: str, seed: int, suite: str | None = None, budget: int | None = None
+    *,
+    out: str | Path,
+    agent: str,
+    seed: int,
+    suite: str | None = None,
+    budget: int | None = None,
+    privileged: bool = False,
+    hyperparameters: Mapping[str, Any] = NONE,
 ) -> Iterator[Recording]:
     """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
 
@@ -290,13 +303,25 @@ def recording(
         seed: The seed that the script runs with.
         suite: Which suite the runs belong to.
         budget: Environment steps, where no suite has the task.
+        privileged: Whether the method sees what an ordinary agent does not.
+        hyperparameters: To be noted: names and plain values.
 
     Raises:
         RuntimeError: The block lies within another one.
     """
     if hasattr(gymnasium.make, "_records"):
         raise RuntimeError("recording() blocks cannot lie within one another.")
-    block = Recording({"out": Path(out), "agent": agent, "seed": seed, "suite": suite, "budget": budget})
+    block = Recording(
+        {
+            "out": Path(out),
+            "agent": agent,
+            "seed": seed,
+            "suite": suite,
+            "budget": budget,
+            "privileged": privileged,
+            "hyperparameters": hyperparameters,
+        }
+    )
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)
     try:

@@ -202,7 +202,9 @@ class Totals(Data):
 
     env_steps: Count
     episodes: Count
-    abandoned: Count = Field(default=0, description="Episodes that the agent reset before their end; they count as failures.")
+    abandoned: Count = Field(
+        default=0, description="Episodes that the agent reset before their end; they count as failures."
+    )
     successes: Count
     mean_return: Bounded = Field(description="Over all scored episodes; 0 where there is none.")
     mean_length: Amount = Field(description="In environment steps; 0 where there is none.")
