@@ -259,7 +259,12 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
         assert status == 0
         assert [(one["agent"], one["entry"]) for one in json.loads(out)] == [("ppo", "ppo"), ("random", "ppo")]
     _, out, _ = call(capsys, "leaderboard", "compare", runs, "--against", path, "--agent", "random")
-    assert "random (5 seeds) minus each entry of suite grid-7x7, version 1" in out
+    assert "random (5 seeds, mean AUC 0.170) minus each entry of suite grid-7x7, version 1" in out
+    _, out, _ = call(capsys, "leaderboard", "compare", runs, "--against", path, "--agent", "random", "--seeds", "3,4")
+    assert "random (2 seeds, mean AUC 0.185)" in out
+    assert refused(
+        capsys, "leaderboard", "add", runs, "--agent", "ppo", "--seeds", "0,1", *SCORE, "--home", home, "--replace"
+    ) == (1, "An entry needs at least 5 seeds; ppo has 2.")
 
 
 def test_an_entry_is_never_written_into_an_installed_package(

@@ -15,13 +15,14 @@ import pytest
 
 from sprl_bench import leaderboard
 from sprl_bench.leaderboard import Entry
-from sprl_bench.records import Hardware, InvalidFileError, RunRecord
+from sprl_bench.records import Hardware, InvalidFileError, RunRecord, Scores, TaskSpec
 from sprl_bench.tables import FORMATS, IncomparableError, MissingRunsError, render
 
 MakeRecord = Callable[..., RunRecord]
 Make = Callable[..., Entry]
 FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
 ROOT = Path(__file__).parent.parent
+VERSIONS = {"python": "3.11.7", "numpy": "2.4.6", "sprl-bench": "0.1.0"}
 
 
 def make_entry(records: Sequence[RunRecord], agent: str = "ppo", **changes: Any) -> Entry:
@@ -48,7 +49,8 @@ def test_an_entry_holds_every_seed(grid_7x7: list[RunRecord]) -> None:
     assert (result.scores, result.return_curve) == (record.scores, record.return_curve)
     assert (result.success_curve, result.device) == (record.success_curve, "cpu")
     assert entry.tasks[1].hyperparameters == record.spec.hyperparameters
-    assert entry.tasks[1].fingerprint == "golden-KeyDoors-7x7"
+    assert entry.tasks[1].fingerprint == record.fingerprint
+    assert entry.git_commits == ()
     assert entry.versions == record.versions
     assert entry.hardware == (record.hardware,)
 
@@ -120,7 +122,7 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
     with pytest.raises(IncomparableError, match="seeds differ in the hyperparameter learning_rate"):
         make_entry(runs(hyperparameters={}))
     with pytest.raises(IncomparableError, match=r"one version of numpy; these runs have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"):
-        make_entry(runs(versions={"numpy": "1.0"}))
+        make_entry(runs(versions={**VERSIONS, "numpy": "1.0"}))
     for field, value, told in (
         ("torch_threads", 2, "torch_threads differs between seeds"),
         ("source", "other:ppo", "source differs between seeds"),
@@ -133,11 +135,25 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
 
 
 def test_what_no_score_depends_on_may_differ_and_is_kept(make_record: MakeRecord) -> None:
-    records = [make_record(seed=seed, versions={"numpy": "2.4.6", "rich": f"{seed % 2}"}) for seed in range(5)]
+    records = [make_record(seed=seed, versions={**VERSIONS, "rich": f"{seed % 2}"}) for seed in range(5)]
     other = Hardware(cpu="another", cores=8, memory_gib=16.0)
     entry = make_entry([*records[:4], records[4].model_copy(update={"hardware": other})])
-    assert entry.versions == {"numpy": "2.4.6", "rich": "0, 1"}
+    assert entry.versions == {**VERSIONS, "rich": "0, 1"}
     assert {machine.cpu for machine in entry.hardware} == {"made up", "another"}
+
+
+def test_an_entry_keeps_the_commits_that_its_runs_were_made_with(make_record: MakeRecord) -> None:
+    commits = [None, "b" * 40, f"{'a' * 40}, {'b' * 40}-dirty", None, None]
+    entry = make_entry([make_record(seed=seed, git_commit=commit) for seed, commit in enumerate(commits)])
+    assert [commit[38:] for commit in entry.git_commits] == ["aa", "bb", "bb-dirty"]
+    assert leaderboard.board([entry]).notes[0] == (
+        "ppo: runs of several builds of sprl-bench: aaaaaaaaaa, bbbbbbbbbb, bbbbbbbbbb-dirty."
+    )
+
+
+def test_an_agent_that_has_finished_nothing_is_no_unknown_one(make_record: MakeRecord) -> None:
+    with pytest.raises(MissingRunsError, match=r"^Agent 'ppo' has no finished run\.$"):
+        make_entry([make_record(status="incomplete")])
 
 
 def test_an_unknown_agent_or_suite_is_refused(grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
@@ -214,6 +230,18 @@ def _tune(data: dict[str, Any]) -> None:
     data["tasks"][0]["hyperparameters"]["learning_rate"] = 1.0
 
 
+def _copy_run(data: dict[str, Any]) -> None:
+    for number in (1, 3):
+        result = data["tasks"][0]["results"][number]
+        result["return_curve"] = result["success_curve"] = [0.25] * 50 + [0.75] * 50
+        task = TaskSpec(**data["tasks"][0]["task"])
+        result["scores"] = Scores.of(task, result["return_curve"], result["success_curve"]).model_dump()
+
+
+def _forget_version(data: dict[str, Any]) -> None:
+    del data["versions"]["numpy"]
+
+
 def _set(*place: str | int, value: Any) -> Edit:
     def change(data: dict[str, Any]) -> None:
         inner: Any = data
@@ -248,6 +276,18 @@ INVALID: dict[str, tuple[Edit, str, str]] = {
         _set("tasks", 1, "task", "env_id", value="SPRL/Easy-v1"),
         "tasks.1.task.env_id: it is SPRL/Easy-v1, the suite's is SPRL/KeyDoors-7x7-v1",
         '"env_id": "SPRL/Easy-v1"',
+    ),
+    "one run under two seeds": (
+        _copy_run,
+        "results[3].seed is 3, but its curves are those of seed 1",
+        '"seed": 3',
+    ),
+    "no fingerprint": (_set("tasks", 0, "fingerprint", value=""), "tasks.0.fingerprint", '"fingerprint": ""'),
+    "no version of numpy": (_forget_version, "versions has no numpy", '"versions"'),
+    "two versions of numpy": (
+        _set("versions", "numpy", value="2.4.6, 2.5.0"),
+        "versions.numpy is '2.4.6, 2.5.0'",
+        '"numpy"',
     ),
     "another name": (_set("agent", value="better"), "belongs in grid-7x7/better.json", "{"),
 }
@@ -320,11 +360,38 @@ def test_an_agent_by_two_presets_has_two_entries_on_one_board(make_record: MakeR
 
 
 def test_entries_of_other_environments_share_no_board(make_record: MakeRecord, tmp_path: Path) -> None:
-    for agent in ("a", "b"):
-        records = [make_record(agent, seed=seed, fingerprint=agent) for seed in range(5)]
-        leaderboard.add_entry(make_entry(records, agent), tmp_path)
+    def entry(agent: str, fingerprint: str) -> Entry:
+        return make_entry([make_record(agent, seed=seed, fingerprint=fingerprint) for seed in range(5)], agent)
+
+    leaderboard.add_entry(entry("a", "a" * 16), tmp_path)
     with pytest.raises(IncomparableError, match="fingerprint differs"):
-        leaderboard.boards(tmp_path)
+        leaderboard.add_entry(entry("b", "b" * 16), tmp_path)
+    assert [row.agent for row in leaderboard.boards(tmp_path)[0].rows] == ["a"]
+    # Its own entry may be replaced by one of another environment while it is alone there.
+    assert leaderboard.add_entry(entry("a", "b" * 16), tmp_path, replace=True)
+
+
+def test_an_entry_of_an_earlier_version_of_its_suite_is_named_and_left_out(home: Path) -> None:
+    edit(home / "grid-7x7" / "ppo.json", _set("suite_version", value=0))
+    [board] = leaderboard.boards(home)
+    assert [row.agent for row in board.rows] == ["random"]
+    assert board.notes[0] == "Left out, as of an earlier version of the suite: ppo."
+    [complaint] = leaderboard.validate([home / "grid-7x7" / "ppo.json"])
+    assert complaint.endswith("suite_version: it is 0; the suite's is 1")
+
+
+def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from sprl_bench.leaderboard import published
+
+    monkeypatch.setattr(published, "home", lambda: home)
+    (home / "schema.json").write_text("{}")
+    for name in (Path("grid-7x7"), home / "grid-7x7"):
+        assert [entry.agent for entry in leaderboard.find_board(name)] == ["ppo", "random"]
+    assert [entry.agent for entry in leaderboard.find_board(home / "grid-7x7" / "ppo.json")] == ["ppo"]
+    with pytest.raises(ValueError, match="the folder of all boards; name one of them: grid-7x7"):
+        leaderboard.find_board(home)
+    with pytest.raises(FileNotFoundError, match="grid is neither an entry nor a board; there is grid-7x7"):
+        leaderboard.find_board(Path("grid"))
 
 
 def test_boards_that_are_not_there_are_refused(home: Path, tmp_path: Path) -> None:
@@ -418,7 +485,34 @@ def test_a_comparison_of_one_seed_has_no_interval(home: Path, grid_7x7: list[Run
     first = [record for record in grid_7x7 if record.spec.seed == 0]
     compared = leaderboard.compare(first, leaderboard.find_entries(home / "grid-7x7"), agent="ppo")
     assert compared[0].overall.interval is None
-    assert "| ppo | 5 | -0.020 - | -0.020 - | -0.020 - |" in leaderboard.render_comparisons(compared, "md")
+    text = leaderboard.render_comparisons(compared, "md")
+    assert "### ppo (1 seed, mean AUC 0.550) minus each entry" in text
+    assert "| ppo | 5 | 0.570 | -0.020 - | -0.020 - | -0.020 - |" in text
+    assert "A single seed has no interval (-)." in text
+
+
+def test_a_comparison_says_where_the_entry_holds_the_very_runs(
+    home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord
+) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    more = [make_record("ppo", task, 5, suite="grid-7x7", level=0.5) for task in (FOUR, KEY)]
+    against_ppo, against_random = leaderboard.compare([*grid_7x7, *more], entries, agent="ppo")
+    assert against_ppo.notes == ("ppo's entry holds these very runs: seeds 0, 1, 2, 3, 4.",)
+    assert against_random.notes == ()
+    assert leaderboard.compare(more, entries, agent="ppo")[0].notes == ()
+
+
+def test_a_task_without_a_finished_run_is_missing_and_not_passed_over(
+    home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord
+) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    one_task = [record for record in grid_7x7 if record.spec.task.name == FOUR and record.spec.agent == "ppo"]
+    unfinished = [make_record("ppo", KEY, seed, suite="grid-7x7", status="incomplete") for seed in range(5)]
+    with pytest.raises(MissingRunsError, match="5 runs are missing"):
+        leaderboard.compare([*one_task, *unfinished], entries)
+    with pytest.raises(MissingRunsError, match="5 runs are missing"):
+        leaderboard.compare(one_task, entries, planned=[record.spec for record in unfinished])
+    assert leaderboard.compare([*one_task, *unfinished], entries, tasks=[FOUR])
 
 
 def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: MakeRecord) -> None:
@@ -427,13 +521,13 @@ def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: Ma
     def mine(**changes: Any) -> list[RunRecord]:
         return [make_record("mine", FOUR, seed, suite="grid-7x7", **changes) for seed in range(2)]
 
-    with pytest.raises(IncomparableError, match=r"fingerprint differs: golden.* \(ppo of the board\), other \(mine of"):
+    with pytest.raises(IncomparableError, match=r"fingerprint differs: .* \(ppo of the board\), other \(mine of"):
         leaderboard.compare(mine(fingerprint="other"), entries)
     with pytest.raises(IncomparableError, match="budget differs"):
         leaderboard.compare(mine(task_changes={"budget": 9}), entries)
     with pytest.raises(IncomparableError, match="version differs"):
         leaderboard.compare(mine(suite_version=2), entries)
-    [note] = leaderboard.compare(mine(versions={"numpy": "1.0"}), entries[:1])[0].notes[1:]
+    [note] = leaderboard.compare(mine(versions={**VERSIONS, "numpy": "1.0"}), entries[:1])[0].notes[1:]
     assert note == "Different versions of numpy: 1.0 (mine of the runs), 2.4.6 (ppo of the board)."
 
 
@@ -460,7 +554,7 @@ def test_comparisons_are_rendered(form: str, home: Path, grid_7x7: list[RunRecor
     if form == "json":
         assert [round(one["overall"]["difference"], 3) for one in json.loads(text)] == [0.0, 0.4]
     else:
-        for part in ("ppo (5 seeds) minus each entry", "FourRooms-", "KeyDoors-", "+0.400", "+0.000"):
+        for part in ("ppo (5 seeds, mean AUC 0.570) minus each entry", "FourRooms-", "KeyDoors-", "+0.400", "+0.000"):
             assert part in text
     with pytest.raises(ValueError, match="Unknown format 'csv'"):
         leaderboard.render_comparisons(compared, "csv")

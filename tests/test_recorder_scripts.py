@@ -362,8 +362,8 @@ def test_what_is_recorded_is_not_copied(tmp_path: Path) -> None:
         ({"agent": ""}, "agent: "),
         ({"suite": "smok"}, "Unknown suite 'smok'; did you mean 'smoke'"),
         ({"budget": -5}, "budget is -5"),
-        ({"hyperparameters": {"f": print}}, "hyperparameters must be plain, finite values"),
-        ({"hyperparameters": {"f": float("nan")}}, "hyperparameters must be plain, finite values"),
+        ({"hyperparameters": {"f": print}}, "hyperparameters: f is <built-in function print>; it must be plain"),
+        ({"hyperparameters": {"f": [float("nan")]}}, r"hyperparameters: f is \[nan\]; it must be plain and finite"),
     ],
 )
 def test_bad_arguments_are_named_in_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:

@@ -96,6 +96,13 @@ BROKEN = {
     "another hyperparameter": ("0.001", "0.002", "hyperparameters_hash does not follow"),
     "a score of its own": ('"auc": 0.5', '"auc": 0.75', "scores.auc is 0.75 but its curve gives 0.5"),
     "a threshold of its own": ('_threshold": 200', '_threshold": 400', "scores.steps_to_threshold is 400"),
+    "a whole run of few steps": ('"env_steps": 20000', '"env_steps": 5', "totals.env_steps is 5 of a budget"),
+    "a part of a run that is whole": ('"complete"', '"incomplete"', "status is 'incomplete', but totals.env_steps"),
+    "more successes than episodes": (
+        '"successes": 50',
+        '"successes": 101',
+        "successes is 101, but there are 100",
+    ),
     "a range without width": ("[\n    0.0,\n    1.0\n   ]", "[\n1.0,\n1.0]", "score_range"),
     "a version that is not known": ('"schema_version": 1', '"schema_version": 2', "schema_version"),
     "a lone surrogate": ('"made up"', r'"\ud800"', "Invalid JSON"),
@@ -212,7 +219,27 @@ def test_a_spec_says_where_its_run_lies(make_record: MakeRecord) -> None:
     assert path == Path("runs/smoke/FourRooms-7x7/ppo/seed-3")
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", ".hidden", "a/b", "a\\b", "a:b", 'a"b', " a", "a ", "a\tb", "x" * 101])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        ".",
+        "..",
+        ".hidden",
+        "a/b",
+        "a\\b",
+        "a:b",
+        'a"b',
+        " a",
+        "a ",
+        "a\tb",
+        "x" * 101,
+        "a.",
+        "a?b",
+        "=A1",
+        "字" * 70,
+    ],
+)
 def test_a_name_that_cannot_be_a_folder_is_refused(make_record: MakeRecord, name: str) -> None:
     fields = make_record().spec.model_dump()
     with pytest.raises(ValidationError, match="agent"):

@@ -11,9 +11,11 @@ import typer
 
 from sprl_bench.cli.listing import require_command
 from sprl_bench.cli.reports import Format, Output, check_choice, choose_format, deliver, planned_runs, terminal_width
+from sprl_bench.cli.running import parse_seeds
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.making import Status
+    from sprl_bench.records import RunRecord, RunSpec
 
 __all__ = ["app"]
 
@@ -24,6 +26,9 @@ app = typer.Typer(
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
 OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
+Seeds = Annotated[
+    str | None, typer.Option(help="Only these: how many, from 0; or the seeds themselves, as in 5,6,7. By default all.")
+]
 
 
 @app.command("show")
@@ -62,22 +67,23 @@ def add(
     link: Annotated[str, typer.Option(help="The paper or the code.")],
     suite: Annotated[str | None, typer.Option(help="Needed where the agent has runs of several.")] = None,
     status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
+    seeds: Seeds = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
     home: OwnHome = None,
 ) -> None:
     """Make an entry of an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
-    from sprl_bench.records import find_records
 
     check_choice("status", status, ("reported", "reproduced"))
+    records, planned = _runs_of(runs, seeds)
     entry = leaderboard.make_entry(
-        find_records(runs),
+        records,
         agent=agent,
         authors=authors,
         link=link,
         suite=suite,
         status=cast("Status", status),
-        planned=planned_runs(runs),
+        planned=planned,
     )
     path = leaderboard.add_entry(entry, home or leaderboard.own_home(), replace=replace)
     typer.echo(f"Wrote {path}.", err=True)
@@ -86,11 +92,14 @@ def add(
 @app.command("compare")
 def compare(
     runs: Runs,
-    against: Annotated[Path, typer.Option(help="A board's folder, as leaderboards/grid, or one entry.")],
+    against: Annotated[
+        Path, typer.Option(help="A board: its name, as grid, or its folder, as leaderboards/grid; or one entry's file.")
+    ],
     agent: Annotated[str | None, typer.Option(help="Whose runs; by default every agent's.")] = None,
     task: Annotated[
         list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")
     ] = None,
+    seeds: Seeds = None,
     form: Annotated[
         str | None, typer.Option("--format", help="rich, md, latex or json; by default as the file's name ends.")
     ] = None,
@@ -98,14 +107,24 @@ def compare(
 ) -> None:
     """Compare runs with entries: the difference of mean AUC with its interval, paired by task."""
     from sprl_bench import leaderboard
-    from sprl_bench.records import find_records
 
     form = choose_format(form, output, leaderboard.COMPARISON_FORMATS)
-    entries = [leaderboard.read_entry(against)] if against.is_file() else leaderboard.find_entries(against)
+    records, planned = _runs_of(runs, seeds)
     compared = leaderboard.compare(
-        find_records(runs), entries, agent=agent, tasks=task or None, planned=planned_runs(runs)
+        records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned
     )
     deliver(leaderboard.render_comparisons(compared, form, width=terminal_width(output)), output)
+
+
+def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[RunSpec]]:
+    """Return the records and the plans below a folder, all of them or those of some seeds."""
+    from sprl_bench.records import find_records
+
+    records, planned = find_records(folder), planned_runs(folder)
+    if seeds is None:
+        return records, list(planned)
+    chosen = parse_seeds(seeds)
+    return [one for one in records if one.spec.seed in chosen], [one for one in planned if one.seed in chosen]
 
 
 @app.command("schema")

@@ -12,10 +12,12 @@ from sprl_bench.leaderboard.comparing import (
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
 from sprl_bench.leaderboard.making import check_suite, make_entry
 from sprl_bench.leaderboard.published import (
+    OutdatedEntryError,
     add_entry,
     board,
     boards,
     entry_path,
+    find_board,
     find_entries,
     home,
     own_home,
@@ -30,6 +32,7 @@ __all__ = [
     "Comparison",
     "Difference",
     "Entry",
+    "OutdatedEntryError",
     "SeedResult",
     "TaskEntry",
     "add_entry",
@@ -38,6 +41,7 @@ __all__ = [
     "check_suite",
     "compare",
     "entry_path",
+    "find_board",
     "find_entries",
     "home",
     "make_entry",

@@ -31,6 +31,7 @@ from sprl_bench.tables import (
 __all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons"]
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
+SINGLE = "A single seed has no interval (-)."
 Columns = Mapping[str, Mapping[int, Scores]]
 
 
@@ -112,8 +113,8 @@ def _compare(
     results: Sequence[Result], entry: Entry, tasks: Sequence[str] | None, planned: Sequence[RunSpec]
 ) -> Comparison:
     theirs = entry.results()
-    run = {result.task.name for result in results}
-    names = [part.task.name for part in entry.tasks if part.task.name in (run if tasks is None else tasks)]
+    wanted = {result.task.name for result in results} | {spec.task.name for spec in planned} if tasks is None else tasks
+    names = [part.task.name for part in entry.tasks if part.task.name in wanted]
     ours = [result for result in results if result.task.name in names]
     if not ours:
         raise MissingRunsError(f"Agent {results[0].agent!r} has no finished run of a task of {entry.agent}'s entry.")
@@ -123,6 +124,8 @@ def _compare(
     columns, reference = _columns(ours, names), _columns(theirs, names)
     if len(names) < len(entry.tasks):
         notes = [f"{len(names)} of the suite's {len(entry.tasks)} tasks are compared: {', '.join(names)}.", *notes]
+    if shared := _shared_seeds(ours, theirs):
+        notes = [*notes, f"{entry.agent}'s entry holds these very runs: seeds {', '.join(map(str, shared))}."]
     return Comparison(
         suite=entry.suite,
         suite_version=entry.suite_version,
@@ -145,6 +148,19 @@ def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
             *(replace(result, agent=f"{result.agent} of the runs") for result in ours),
             *(replace(result, agent=f"{result.agent} of the board") for result in theirs),
         ]
+    )
+
+
+def _shared_seeds(ours: Sequence[Result], theirs: Sequence[Result]) -> list[int]:
+    """Return the seeds whose runs are the entry's own, which makes the two sides anything but independent."""
+    entered = {(result.task.name, result.seed): result for result in theirs}
+    return sorted(
+        {
+            mine.seed
+            for mine in ours
+            for entry in [entered.get((mine.task.name, mine.seed))]
+            if entry is not None and entry.agent == mine.agent and entry.return_curve == mine.return_curve
+        }
     )
 
 
@@ -188,19 +204,21 @@ def _grid(comparisons: Sequence[Comparison]) -> Grid:
     first = comparisons[0]
     marked = first.privileged or any(one.entry_privileged for one in comparisons)
     return Grid(
-        title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seeds) minus each entry of "
-        f"suite {first.suite}, version {first.suite_version}",
-        header=["Entry", "Seeds", *(difference.task for difference in first.tasks), "Mean AUC"],
+        title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seed{'s' * (first.seeds > 1)}, mean AUC "
+        f"{number(first.overall.runs)}) minus each entry of suite {first.suite}, version {first.suite_version}",
+        header=["Entry", "Seeds", "Its AUC", *(difference.task for difference in first.tasks), "Mean AUC"],
         rows=[
             [
                 _marked(one.entry, one.entry_privileged),
                 str(one.entry_seeds),
+                number(one.overall.entry),
                 *(_text(difference) for difference in (*one.tasks, one.overall)),
             ]
             for one in comparisons
         ],
         footnotes=[
             "Difference of mean AUC with its 95 % stratified-bootstrap interval, paired by task; more is better.",
+            *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
             *([PRIVILEGED] if marked else []),
             *dict.fromkeys(note for one in comparisons for note in one.notes),
         ],

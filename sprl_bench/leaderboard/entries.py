@@ -1,7 +1,8 @@
 """What an entry of a leaderboard holds: every seed's scores and curves, never only a mean.
 
 An entry checks itself: its scores follow from its curves, its hash from its hyperparameters, it has at least five
-seeds and the same ones on all its tasks. Whether it is what its suite asks for is checked where boards are.
+seeds, no two of them with the same curves, and the same ones on all its tasks. Whether it is what its suite asks for is
+checked where boards are.
 """
 
 from __future__ import annotations
@@ -25,16 +26,18 @@ from sprl_bench.records import (
     check_scores,
     hyperparameters_hash,
 )
-from sprl_bench.tables import Result
+from sprl_bench.tables import SCORED_PACKAGES, Result
 
 __all__ = ["MINIMUM_SEEDS", "Entry", "SeedResult", "TaskEntry"]
 
 MINIMUM_SEEDS = 5
+NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")
+"""What every run has loaded."""
 
 
 def _link(text: str) -> str:
     if not re.fullmatch(r"https?://[^\s/]+\.[^\s]+", text):
-        raise ValueError(f"{text!r} is not a link; it begins with https:// and has no spaces")
+        raise ValueError(f"{text!r} is not a link: https://, or http://, then a host with a dot in it, and no spaces")
     return text
 
 
@@ -63,7 +66,9 @@ class TaskEntry(Data):
     hyperparameters_hash: Line
     num_envs: Annotated[int, Field(gt=0)]
     torch_threads: Annotated[int, Field(gt=0)]
-    fingerprint: Line = Field(description="Of the environment: a golden trajectory's hash.")
+    fingerprint: Annotated[str, Field(pattern="^[0-9a-f]{16}$")] = Field(
+        description="Of the environment: the hash of a fixed trajectory."
+    )
     results: tuple[SeedResult, ...]
 
     @property
@@ -84,7 +89,22 @@ class TaskEntry(Data):
                 self._check_result(result)
             except ValueError as error:
                 raise ValueError(f"results[{number}].{error}") from None
+        self._check_distinct()
         return self
+
+    def _check_distinct(self) -> None:
+        """Refuse one run under two seeds; where an agent reaches nothing at all, two runs may well be the same."""
+        seen: dict[tuple[Curve, Curve], int] = {}
+        for number, result in enumerate(self.results):
+            curves = result.return_curve, result.success_curve
+            if all(len(set(curve)) == 1 for curve in curves):
+                continue
+            if curves in seen:
+                raise ValueError(
+                    f"results[{number}].seed is {result.seed}, but its curves are those of seed {seen[curves]}: each "
+                    "seed needs a run of its own"
+                )
+            seen[curves] = result.seed
 
     def _check_result(self, result: SeedResult) -> None:
         low, high = self.task.score_range
@@ -114,6 +134,7 @@ class Entry(Data):
     suite_version: Count
     tasks: Annotated[tuple[TaskEntry, ...], Field(min_length=1)]
     versions: dict[Line, Line]
+    git_commits: tuple[Line, ...] = Field(description="Of the checkouts of sprl-bench that the runs were made with.")
     hardware: Annotated[tuple[Hardware, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -127,6 +148,16 @@ class Entry(Data):
                     f"tasks[{number}].results has the seeds {list(entry.seeds)} and the first task "
                     f"{list(self.tasks[0].seeds)}; all tasks need the same"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _versions_are_known(self) -> Self:
+        for package in NEEDED_VERSIONS:
+            if package not in self.versions:
+                raise ValueError(f"versions has no {package}")
+        for package in SCORED_PACKAGES:
+            if "," in self.versions.get(package, ""):
+                raise ValueError(f"versions.{package} is {self.versions[package]!r}; an entry has one version of it")
         return self
 
     def results(self) -> Sequence[Result]:
@@ -143,6 +174,8 @@ class Entry(Data):
                 hyperparameters=entry.hyperparameters,
                 fingerprint=entry.fingerprint,
                 versions=self.versions,
+                git_commit=", ".join(self.git_commits),
+                device=result.device,
                 return_curve=result.return_curve,
                 scores=result.scores,
             )

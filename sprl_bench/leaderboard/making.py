@@ -93,9 +93,10 @@ def _runs_of(records: Sequence[RunRecord], agent: str, suite: str | None) -> lis
         find_suite(suite)
     mine = [record for record in records if record.spec.agent == agent and suite in (None, record.spec.suite)]
     if not any(record.status == "complete" for record in mine):
-        agents = {record.spec.agent for record in records if record.status == "complete"}
+        agents = {record.spec.agent for record in records}
         if agent in agents:
-            raise MissingRunsError(f"Agent {agent!r} has no finished run of suite {suite!r}.")
+            where = f" of suite {suite!r}" if suite else ""
+            raise MissingRunsError(f"Agent {agent!r} has no finished run{where}.")
         raise ValueError(unknown("agent among these runs:", agent, agents))
     suites = sorted({record.spec.suite for record in mine})
     if len(suites) > 1:
@@ -131,6 +132,7 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
             for task in find_suite(spec.suite).tasks
         ),
         versions=_versions(complete),
+        git_commits=_commits(complete),
         hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
     )
 
@@ -165,6 +167,11 @@ def _common(records: Sequence[RunRecord], name: str, value: Callable[[RunSpec], 
         task = records[0].spec.task.name
         raise IncomparableError(f"{task}: {name} differs between seeds: {', '.join(sorted(map(repr, found)))}.")
     return found.pop()
+
+
+def _commits(records: Sequence[RunRecord]) -> tuple[str, ...]:
+    """Return every commit that a run was made with; one that went on after an interruption may have several."""
+    return tuple(sorted({commit for record in records for commit in (record.git_commit or "").split(", ") if commit}))
 
 
 def _versions(records: Sequence[RunRecord]) -> dict[str, str]:

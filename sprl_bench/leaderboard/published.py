@@ -10,14 +10,19 @@ from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.making import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import Table, tabulate_results
+from sprl_bench.tables import Table, check_comparable, tabulate_results
+from sprl_bench.tasks import SUITES
 
 __all__ = [
-    "add_entry", "board", "boards", "entry_path", "find_entries", "home", "own_home", "read_entry", "schema",
-    "validate",
+    "OutdatedEntryError", "add_entry", "board", "boards", "entry_path", "find_board", "find_entries", "home",
+    "own_home", "read_entry", "schema", "validate",
 ]  # fmt: skip
 
 SCHEMA = "schema.json"
+
+
+class OutdatedEntryError(InvalidFileError):
+    """An entry of an earlier version of its suite."""
 
 
 def home() -> Path:
@@ -48,10 +53,14 @@ def read_entry(path: Path) -> Entry:
     """Read an entry and check all that can be checked: itself, its suite, and its place.
 
     Raises:
-        InvalidFileError: Something is wrong; one line names the file, the line in it, and what.
+        OutdatedEntryError: The suite has another version by now.
+        InvalidFileError: Something else is wrong; one line names the file, the line in it, and what.
         FileNotFoundError: There is no such file.
     """
     entry = read(path, Entry)
+    if entry.suite in SUITES and entry.suite_version < (now := SUITES[entry.suite].version):
+        line = locate(path, ("suite_version",))
+        raise OutdatedEntryError(f"{path}:{line}: suite_version: it is {entry.suite_version}; the suite's is {now}")
     try:
         check_suite(entry)
     except ValueError as error:
@@ -68,15 +77,53 @@ def _line(path: Path, complaint: str) -> int:
 
 
 def find_entries(folder: Path) -> list[Entry]:
-    """Read all entries of one board.
+    """Read all entries of one board but those of an earlier version of its suite.
 
     Raises:
         InvalidFileError: One of them is broken.
         FileNotFoundError: There is no such folder.
     """
+    return _find_entries(folder)[0]
+
+
+def _find_entries(folder: Path) -> tuple[list[Entry], list[str]]:
+    """Return the entries of one board, and the names of those that are outdated."""
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is not a folder of leaderboard entries.")
-    return [read_entry(path) for path in sorted(folder.glob("*.json"))]
+    entries, outdated = [], []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            entries.append(read_entry(path))
+        except OutdatedEntryError:
+            outdated.append(path.stem)
+    return entries, outdated
+
+
+def find_board(name: Path) -> list[Entry]:
+    """Return the entries that a path means: one entry's file, a board's folder, or a board's name.
+
+    Raises:
+        InvalidFileError: An entry is broken.
+        FileNotFoundError: There is nothing of that name.
+        ValueError: It is the folder of all boards.
+    """
+    if name.is_file():
+        return [read_entry(name)]
+    folder = name if name.is_dir() else home() / name
+    if (folder / SCHEMA).exists():
+        raise ValueError(f"{name} is the folder of all boards; name one of them: {_listed(_names(folder))}.")
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{name} is neither an entry nor a board; there is {_listed(_names(home()))}.")
+    return find_entries(folder)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none yet"
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the names of the boards below the folder of all boards."""
+    return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
 
 
 def validate(paths: Iterable[Path]) -> list[str]:
@@ -92,8 +139,12 @@ def validate(paths: Iterable[Path]) -> list[str]:
     return complaints
 
 
-def board(entries: Sequence[Entry]) -> Table:
+def board(entries: Sequence[Entry], outdated: Sequence[str] = ()) -> Table:
     """Return the table of one suite's entries, the highest mean AUC first.
+
+    Args:
+        entries: Of one suite, as it stands.
+        outdated: Names of entries that are left out, to be told in a note.
 
     Raises:
         IncomparableError: They must not share a table.
@@ -103,8 +154,13 @@ def board(entries: Sequence[Entry]) -> Table:
         raise ValueError("This board has no entry yet.")
     table = tabulate_results([result for entry in entries for result in entry.results()])
     rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
-    sources = [f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}" for entry in entries]
-    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
+    by_agent = {entry.agent: entry for entry in entries}
+    sources = [
+        f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}"
+        for entry in (by_agent[row.agent] for row in rows)
+    ]
+    left_out = [f"Left out, as of an earlier version of the suite: {', '.join(outdated)}."] if outdated else []
+    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *left_out, *sources)})
 
 
 def boards(folder: Path, suite: str | None = None) -> list[Table]:
@@ -114,11 +170,11 @@ def boards(folder: Path, suite: str | None = None) -> list[Table]:
         ValueError: There is no entry, or no board of that name.
         InvalidFileError: An entry is broken.
     """
-    names = sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+    names = _names(folder)
     if suite is not None and suite not in names:
         raise ValueError(unknown("leaderboard", suite, names))
-    found = [find_entries(folder / name) for name in names if suite in (None, name)]
-    tables = [board(entries) for entries in found if entries]
+    found = [_find_entries(folder / name) for name in names if suite in (None, name)]
+    tables = [board(entries, outdated) for entries, outdated in found if entries]
     if not tables:
         raise ValueError(f"{folder} has no entry yet; make one with: sprl-bench leaderboard add")
     return tables
@@ -129,10 +185,15 @@ def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
 
     Raises:
         FileExistsError: There is one of that name, and `replace` is false.
+        IncomparableError: It cannot stand beside the entries that are there.
+        InvalidFileError: One of those is broken.
     """
     path = entry_path(folder, entry.suite, entry.agent)
     if path.exists() and not replace:
         raise FileExistsError(f"{path} exists; replace it with --replace.")
+    if path.parent.is_dir():
+        others = [other for other in find_entries(path.parent) if other.agent != entry.agent]
+        check_comparable([result for one in (*others, entry) for result in one.results()])
     write(path, entry)
     return path
 

@@ -23,6 +23,7 @@ from typing import Any, Final, TypeVar
 import gymnasium
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from sprl_bench import machine
 from sprl_bench.recorder.episodes import EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.recorder.folder import CHECKPOINT, RECORD, lock, remove_leftovers
@@ -124,6 +125,7 @@ class _ScriptRun(Listener):
         self.spec, self.folder = spec, folder
         self.held = False  # whether it goes on when all its environments are closed
         fingerprint(spec.task)  # now, for the same reason
+        self._git_commit = machine.git_commit()  # of what is loaded: files may change until the end
         self._owned = contextlib.ExitStack()
         self._owned.enter_context(lock(folder))
         self._owned.callback(_LIVE.pop, folder)
@@ -199,7 +201,8 @@ class _ScriptRun(Listener):
         with self._owned:
             if self._log.env_steps:
                 spec = self.spec.model_copy(update={"num_envs": self._log.num_stepped})
-                write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
+                wall_time_s = time.perf_counter() - self._started
+                write_result(self.folder, spec, self._log, wall_time_s=wall_time_s, git_commit=self._git_commit)
                 self._report()
 
     def _report(self) -> None:

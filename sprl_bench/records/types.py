@@ -39,10 +39,17 @@ __all__ = [
 ]
 
 
+LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
+
+
 def _file_name(name: str) -> str:
-    """Refuse what cannot name a folder everywhere, and what could change a terminal."""
-    if name.startswith(".") or name != name.strip() or set(name) & set('/\\:"'):
-        raise ValueError(f"{name!r} cannot name a folder: no slashes, colons or quotes, and no dot in front")
+    """Refuse what cannot name a file everywhere, or what a spreadsheet would take for a formula."""
+    begins = name[0].isalnum() or name[0] == "_"
+    if not begins or name.endswith((".", " ")) or set(name) & set('/\\:"<>|?*') or len(name.encode()) > LONGEST_NAME:
+        raise ValueError(
+            f"{name!r} cannot name a folder everywhere: begin with a letter or digit, end in no dot or space, and use "
+            f'none of / \\ : " < > | ? * and no more than {LONGEST_NAME} bytes'
+        )
     return name
 
 
@@ -107,6 +114,15 @@ def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
+def _plain(name: str, value: Any) -> Any:
+    try:
+        return json.loads(json.dumps(value, allow_nan=False))
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"hyperparameters: {name} is {value!r}; it must be plain and finite: numbers, text, lists and dicts of them"
+        ) from None
+
+
 class RunSpec(Data):
     """A run as a value: all that its scores follow from, apart from the code and its versions."""
 
@@ -137,7 +153,7 @@ class RunSpec(Data):
             ValueError: A field has a value that is not allowed; the message is one line that names it.
         """
         try:
-            plain = json.loads(json.dumps(dict(hyperparameters), allow_nan=False))
+            plain = {name: _plain(name, value) for name, value in hyperparameters.items()}
             return cls(
                 suite=suite.name,
                 suite_version=suite.version,
@@ -148,8 +164,6 @@ class RunSpec(Data):
             )
         except ValidationError as error:
             raise ValueError(first_complaint(error)) from None
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"hyperparameters must be plain, finite values: {error}") from None
 
     def path(self, root: Path) -> Path:
         """Return the folder of this run under `root`."""
@@ -209,6 +223,13 @@ class Totals(Data):
     mean_return: Bounded = Field(description="Over all scored episodes; 0 where there is none.")
     mean_length: Amount = Field(description="In environment steps; 0 where there is none.")
 
+    @model_validator(mode="after")
+    def _parts_are_no_more_than_all(self) -> Self:
+        for name in ("successes", "abandoned"):
+            if getattr(self, name) > self.episodes:
+                raise ValueError(f"{name} is {getattr(self, name)}, but there are {self.episodes} episodes")
+        return self
+
 
 class Hardware(Data):
     """The machine; no score depends on it on a CPU."""
@@ -239,6 +260,15 @@ class RunRecord(Data):
     @model_validator(mode="after")
     def _scores_follow(self) -> Self:
         check_scores(self.spec.task, self.return_curve, self.success_curve, self.scores)
+        return self
+
+    @model_validator(mode="after")
+    def _totals_agree(self) -> Self:
+        steps, budget = self.totals.env_steps, self.spec.task.budget
+        if steps > budget or (steps < budget and self.status == "complete"):
+            raise ValueError(f"totals.env_steps is {steps} of a budget of {budget}, and status {self.status!r}")
+        if steps == budget and self.status != "complete":
+            raise ValueError(f"status is {self.status!r}, but totals.env_steps is the whole budget")
         return self
 
 

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
 from sprl_bench.tables.grid import GRID_FORMATS, Grid, as_json, draw, number
 from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
 from sprl_bench.tables.results import (
-    SCORED_PACKAGES,
     Hole,
-    IncomparableError,
     MissingRunsError,
     Result,
-    check_comparable,
     describe_holes,
     find_holes,
     split_suites,
     task_names,
-    version_differences,
 )
 from sprl_bench.tables.table import (
     BOOTSTRAP_SEED,

@@ -13,11 +13,11 @@ import numpy as np
 from sprl_bench import metrics
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
+from sprl_bench.tables.comparable import check_comparable
 from sprl_bench.tables.results import (
     Hole,
     MissingRunsError,
     Result,
-    check_comparable,
     describe_holes,
     find_holes,
     split_suites,
