@@ -124,6 +124,7 @@ def _compare(
     columns, reference = _columns(ours, names), _columns(theirs, names)
     if len(names) < len(entry.tasks):
         notes = [f"{len(names)} of the suite's {len(entry.tasks)} tasks are compared: {', '.join(names)}.", *notes]
+    notes += _setting_notes(ours, theirs)
     if shared := _shared_seeds(ours, theirs):
         notes = [*notes, f"{entry.agent}'s entry holds these very runs: seeds {', '.join(map(str, shared))}."]
     return Comparison(
@@ -149,6 +150,18 @@ def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
             *(replace(result, agent=f"{result.agent} of the board") for result in theirs),
         ]
     )
+
+
+def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
+    """Say where the two sides are one agent by its name, but not by its hyperparameters."""
+    entered = {result.task.name: result for result in theirs}
+    notes = []
+    for task, mine in {result.task.name: result for result in ours}.items():
+        here, there = mine.hyperparameters, entered[task].hyperparameters
+        changed = sorted(name for name in {**here, **there} if here.get(name) != there.get(name))
+        if mine.agent == entered[task].agent and changed:
+            notes.append(f"{mine.agent} has other hyperparameters than its entry on {task}: {', '.join(changed)}.")
+    return notes
 
 
 def _shared_seeds(ours: Sequence[Result], theirs: Sequence[Result]) -> list[int]:
