@@ -23,7 +23,7 @@ from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Config, Count, Positive, Share, Weight
 from sprl_baselines.distinct import distinct
 from sprl_baselines.grids import grid_shape
-from sprl_baselines.networks import HIDDEN_GAIN, ScaledCells, linear, mlp_trunk
+from sprl_baselines.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.strided_convolution import CHANNELS, StridedConvolution
 from sprl_baselines.training_state import restore, saved
@@ -188,7 +188,7 @@ class Dynamics(nn.Module):
 
 def one_hidden_layer(inputs: int, outputs: int, units: int, generator: torch.Generator) -> nn.Sequential:
     """Two fully connected layers with a ReLU between."""
-    hidden, out = linear(inputs, units, HIDDEN_GAIN, generator), linear(units, outputs, 1.0, generator)
+    hidden, out = linear(inputs, units, RELU_GAIN, generator), linear(units, outputs, 1.0, generator)
     return nn.Sequential(hidden, nn.ReLU(inplace=True), out)
 
 

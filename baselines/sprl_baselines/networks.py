@@ -21,7 +21,10 @@ from sprl_baselines.grids import grid_shape
 
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
-HIDDEN_GAIN, POLICY_GAIN, VALUE_GAIN = sqrt(2), 0.01, 1.0
+POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
+# The published code has sqrt(2) before its plain rectifiers. Before concatenated ones, which give twice the features,
+# Table 1's larger learning rate ends exploration in the first updates with it, but not with 1 (docs/grid-network.md).
+RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
 
 
 class Head(Protocol):
@@ -151,7 +154,7 @@ GRID_UNITS = 512
 def grid_trunk(height: int, width: int, frames: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
     """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
     convolutions, features = grid_convolutions(height, width, frames, encoding, generator)
-    return nn.Sequential(*convolutions, linear(features, GRID_UNITS, HIDDEN_GAIN, generator), CReLU())
+    return nn.Sequential(*convolutions, linear(features, GRID_UNITS, CRELU_GAIN, generator), CReLU())
 
 
 class CReLU(nn.Module):
@@ -167,7 +170,7 @@ def grid_convolutions(
 ) -> tuple[list[nn.Module], int]:
     """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
     cells = GRID_ENCODINGS[encoding](frames)
-    convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, HIDDEN_GAIN, generator)
+    convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, CRELU_GAIN, generator)
     return [cells, convolutions], height * width * 2 * GRID_CHANNELS[-1]
 
 
@@ -177,7 +180,7 @@ def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) 
     hidden = [
         module
         for fan_in, fan_out in pairwise(sizes)
-        for module in (linear(fan_in, fan_out, HIDDEN_GAIN, generator), nn.ReLU(inplace=True))
+        for module in (linear(fan_in, fan_out, RELU_GAIN, generator), nn.ReLU(inplace=True))
     ]
     return nn.Sequential(ToFloat(), *hidden)
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sprl_baselines.networks import HIDDEN_GAIN
+from sprl_baselines.networks import RELU_GAIN
 
 CHANNELS = 32
 
@@ -29,7 +29,7 @@ class StridedConvolution(nn.Module):
         super().__init__()
         self.weight = nn.Parameter(torch.empty(CHANNELS, inputs, 3, 3))
         self.bias = nn.Parameter(torch.zeros(CHANNELS))
-        nn.init.orthogonal_(self.weight, HIDDEN_GAIN, generator)
+        nn.init.orthogonal_(self.weight, RELU_GAIN, generator)
         self.sides = sides
         self.remaining = ceil(sides[0] / 2), ceil(sides[1] / 2)
         cells = functional.pad(torch.arange(prod(sides)).view(sides), (1, 1, 1, 1), value=prod(sides))

@@ -15,7 +15,7 @@ from gymnasium import Space, spaces
 from torch import Tensor, nn
 
 from sprl_baselines.grids import grid_shape
-from sprl_baselines.networks import HIDDEN_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
+from sprl_baselines.networks import CRELU_GAIN, RELU_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
 
 PAIR_INPUTS = ("pair", "difference")
 
@@ -48,12 +48,12 @@ class ReachabilityNetwork(nn.Module):
     ) -> None:
         super().__init__()
         self.embedding = embedding
-        self.first = linear(2 * features, units, HIDDEN_GAIN, generator)
+        self.first = linear(2 * features, units, RELU_GAIN, generator)
         self.difference = pair_input == "difference"
         hidden = [
             module
             for fan_in, fan_out in pairwise([units] * layers)
-            for module in (nn.BatchNorm1d(fan_in), nn.ReLU(), linear(fan_in, fan_out, HIDDEN_GAIN, generator))
+            for module in (nn.BatchNorm1d(fan_in), nn.ReLU(), linear(fan_in, fan_out, RELU_GAIN, generator))
         ]
         self.rest = nn.Sequential(*hidden, nn.BatchNorm1d(units), nn.ReLU(), linear(units, 1, VALUE_GAIN, generator))
 
@@ -101,7 +101,7 @@ def reachability_network(
     """
     if grid := grid_shape(observation_space):
         convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
-        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, HIDDEN_GAIN, generator), CReLU())
+        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, CRELU_GAIN, generator), CReLU())
         size = 2 * embedding_units
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         embedding, size = nn.Sequential(ToFloat()), observation_space.shape[0]
