@@ -243,7 +243,13 @@ class _Session:
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
-        self._envs.episode_log.load_state_dict(state["log"])
+        try:
+            self._envs.episode_log.load_state_dict(state["log"])
+        except KeyError as error:
+            raise CheckpointRefusedError(
+                f"{self._folder / CHECKPOINT} has no {error} in its log, as another build of sprl-bench made it: "
+                "go on with that one, or remove it to start over."
+            ) from None
         self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
         self._earlier_s, self._earlier_peak_mib = state["wall_time_s"], state["peak_memory_mib"]
         self._commits = list(dict.fromkeys([*state["git_commits"], *self._commits]))

@@ -265,6 +265,10 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
     assert refused(
         capsys, "leaderboard", "add", runs, "--agent", "ppo", "--seeds", "0,1", *SCORE, "--home", home, "--replace"
     ) == (1, "An entry needs at least 5 seeds; ppo has 2.")
+    assert refused(capsys, "leaderboard", "compare", runs, "--against", path, "--seeds", "4,7,9") == (
+        2,
+        f"seeds is '4,7,9', but {runs} has no run of seed 7, 9.",
+    )
 
 
 def test_an_entry_is_never_written_into_an_installed_package(

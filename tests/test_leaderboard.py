@@ -145,10 +145,27 @@ def test_what_no_score_depends_on_may_differ_and_is_kept(make_record: MakeRecord
 def test_an_entry_keeps_the_commits_that_its_runs_were_made_with(make_record: MakeRecord) -> None:
     commits = [None, "b" * 40, f"{'a' * 40}, {'b' * 40}-dirty", None, None]
     entry = make_entry([make_record(seed=seed, git_commit=commit) for seed, commit in enumerate(commits)])
-    assert [commit[38:] for commit in entry.git_commits] == ["aa", "bb", "bb-dirty"]
+    assert entry.git_commits == (f"{'a' * 40}, {'b' * 40}-dirty", "b" * 40)
     assert leaderboard.board([entry]).notes[0] == (
-        "ppo: runs of several builds of sprl-bench: aaaaaaaaaa, bbbbbbbbbb, bbbbbbbbbb-dirty."
+        "Made with a changed checkout of sprl-bench: aaaaaaaaaa, bbbbbbbbbb-dirty, bbbbbbbbbb."
     )
+
+
+def test_a_broken_entry_may_be_replaced_and_another_one_s_not_be_passed_over(
+    home: Path, grid_7x7: list[RunRecord]
+) -> None:
+    (home / "grid-7x7" / "ppo.json").write_text("{}")
+    with pytest.raises(InvalidFileError):
+        leaderboard.add_entry(make_entry(grid_7x7, "random"), home, replace=True)
+    leaderboard.add_entry(make_entry(grid_7x7, "ppo"), home, replace=True)
+    assert len(leaderboard.find_entries(home / "grid-7x7")) == 2
+
+
+def test_an_agent_that_always_or_never_succeeds_may_have_equal_curves(make_record: MakeRecord) -> None:
+    always = [make_record(seed=seed, curve=[0.0] * 2 + [1.0] * 98) for seed in range(5)]
+    assert make_entry(always)
+    with pytest.raises(ValueError, match="its curves are those of seed 0"):
+        make_entry([make_record(seed=seed, curve=[0.0] * 2 + [0.9] * 98) for seed in range(5)])
 
 
 def test_an_agent_that_has_finished_nothing_is_no_unknown_one(make_record: MakeRecord) -> None:
@@ -335,6 +352,13 @@ def test_a_board_is_computed_from_its_entries(home: Path) -> None:
     )
 
 
+def test_what_an_entry_says_cannot_break_out_of_a_board(grid_7x7: list[RunRecord], tmp_path: Path) -> None:
+    leaderboard.add_entry(make_entry(grid_7x7, authors=["a|b <i> [l](u)"]), tmp_path)
+    board = leaderboard.boards(tmp_path)
+    assert r"a\|b \<i\> [l]\(u)" in render(board, "md")
+    assert r"a|b <i> [l](u)" in render(board, "latex")
+
+
 def test_a_board_is_rebuilt_byte_for_byte(home: Path) -> None:
     first, second = leaderboard.boards(home), leaderboard.boards(home, "grid-7x7")
     for form in FORMATS:
@@ -371,13 +395,15 @@ def test_entries_of_other_environments_share_no_board(make_record: MakeRecord, t
     assert leaderboard.add_entry(entry("a", "b" * 16), tmp_path, replace=True)
 
 
-def test_an_entry_of_an_earlier_version_of_its_suite_is_named_and_left_out(home: Path) -> None:
+def test_an_entry_of_an_earlier_version_of_its_suite_is_named_and_left_out(
+    home: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     edit(home / "grid-7x7" / "ppo.json", _set("suite_version", value=0))
     [board] = leaderboard.boards(home)
     assert [row.agent for row in board.rows] == ["random"]
-    assert board.notes[0] == "Left out, as of an earlier version of the suite: ppo."
+    assert f"Left out, as of an earlier version of the suite: {home / 'grid-7x7' / 'ppo.json'}." in caplog.text
     [complaint] = leaderboard.validate([home / "grid-7x7" / "ppo.json"])
-    assert complaint.endswith("suite_version: it is 0; the suite's is 1")
+    assert complaint.endswith("suite_version: it is 0; suite 'grid-7x7' has 1")
 
 
 def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -390,14 +416,17 @@ def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkey
     assert [entry.agent for entry in leaderboard.find_board(home / "grid-7x7" / "ppo.json")] == ["ppo"]
     with pytest.raises(ValueError, match="the folder of all boards; name one of them: grid-7x7"):
         leaderboard.find_board(home)
-    with pytest.raises(FileNotFoundError, match="grid is neither an entry nor a board; there is grid-7x7"):
+    with pytest.raises(FileNotFoundError, match=r"Unknown entry or board 'grid'.* 'grid-7x7'"):
         leaderboard.find_board(Path("grid"))
+    (home / "runs" / "grid-7x7").mkdir(parents=True)  # a folder of runs by that name is no board
+    monkeypatch.chdir(home / "runs")
+    assert len(leaderboard.find_board(Path("grid-7x7"))) == 2
 
 
 def test_boards_that_are_not_there_are_refused(home: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="did you mean 'grid-7x7'"):
         leaderboard.boards(home, "grid-7")
-    with pytest.raises(ValueError, match="has no entry yet"):
+    with pytest.raises(ValueError, match="has no entry of a suite as it stands"):
         leaderboard.boards(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError, match="not a folder of leaderboard entries"):
         leaderboard.find_entries(tmp_path / "nowhere")
@@ -494,12 +523,18 @@ def test_a_comparison_of_one_seed_has_no_interval(home: Path, grid_7x7: list[Run
 def test_a_comparison_says_where_the_entry_holds_the_very_runs(
     home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord
 ) -> None:
-    entries = leaderboard.find_entries(home / "grid-7x7")
-    more = [make_record("ppo", task, 5, suite="grid-7x7", level=0.5) for task in (FOUR, KEY)]
-    against_ppo, against_random = leaderboard.compare([*grid_7x7, *more], entries, agent="ppo")
+    def run(task: str, seed: int) -> RunRecord:
+        return make_record("ppo", task, seed, suite="grid-7x7", curve=[0.1] * 50 + [0.5 + 0.01 * seed] * 50)
+
+    runs = [run(task, seed) for task in (FOUR, KEY) for seed in range(6)]
+    entry = make_entry([one for one in runs if one.spec.seed < 5])
+    [random] = [other for other in leaderboard.find_entries(home / "grid-7x7") if other.agent == "random"]
+    against_ppo, against_random = leaderboard.compare(runs, [entry, random])
     assert against_ppo.notes == ("ppo's entry holds these very runs: seeds 0, 1, 2, 3, 4.",)
     assert against_random.notes == ()
-    assert leaderboard.compare(more, entries, agent="ppo")[0].notes == ()
+    assert leaderboard.compare([one for one in runs if one.spec.seed == 5], [entry])[0].notes == ()
+    # Flat curves may well be those of two runs.
+    assert leaderboard.compare(grid_7x7, [random], agent="random")[0].notes == ()
 
 
 def test_a_comparison_says_where_an_agent_has_other_hyperparameters_than_its_entry(
@@ -523,6 +558,8 @@ def test_a_task_without_a_finished_run_is_missing_and_not_passed_over(
     with pytest.raises(MissingRunsError, match="5 runs are missing"):
         leaderboard.compare(one_task, entries, planned=[record.spec for record in unfinished])
     assert leaderboard.compare([*one_task, *unfinished], entries, tasks=[FOUR])
+    elsewhere = [make_record("ppo", KEY, seed, suite="grid").spec for seed in range(5)]
+    assert len(leaderboard.compare(one_task, entries[:1], planned=elsewhere)[0].tasks) == 1
 
 
 def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: MakeRecord) -> None:

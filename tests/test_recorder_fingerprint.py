@@ -95,7 +95,9 @@ def test_another_reward_at_the_goal_changes_it(env_id: str, monkeypatch: pytest.
 
 def test_an_episode_that_never_ends_does_not_hold_it_up(lamp: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Lamp, "horizon", -1)
-    assert of(lamp)
+    mode = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}
+    envs = gymnasium.make_vec(lamp, 2, vectorization_mode="sync", vector_kwargs=mode)
+    assert sum(1 for _ in module.trajectory(envs, lamp)) == 1 + module.MOST_STEPS
 
 
 def test_arguments_belong_to_it() -> None:

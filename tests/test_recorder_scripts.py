@@ -211,6 +211,41 @@ def test_an_evaluation_environment_beside_a_vector_environment_is_refused(tmp_pa
     assert (record.status, record.spec.num_envs) == ("complete", 2)
 
 
+def test_an_environment_that_is_forgotten_late_takes_no_other_one_with_it(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=400):
+        env: Any = gymnasium.make_vec(ID, 3)
+        env.close()
+        env = gymnasium.make(ID)
+        gc.collect()
+        evaluation = gymnasium.make(ID)
+        evaluation.reset(seed=0)
+        with pytest.raises(RuntimeError, match="not stepped in turn"):
+            play(env, 400)
+
+
+def test_an_environment_that_is_closed_before_the_others_fails_in_its_episode(tmp_path: Path) -> None:
+    first, second = (sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, budget=400) for _ in range(2))
+    for env in (first, second):
+        env.reset(seed=0)
+    for env in (first, second) * 3:
+        env.step(0)
+    first.close()
+    play(second, 394)
+    record = only_record(tmp_path)
+    assert (record.status, record.spec.num_envs) == ("complete", 2)
+    assert [column[0] for column in (episodes(tmp_path)[name] for name in ("stamp", "env", "length", "success"))] == [
+        5, 0, 3, False,
+    ]  # fmt: skip
+
+
+def test_environments_are_numbered_among_those_that_took_a_step(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=400):
+        gymnasium.make(ID).close()
+        play(gymnasium.make(ID), 400)
+    assert only_record(tmp_path).spec.num_envs == 1
+    assert set(episodes(tmp_path)["env"]) == {0}
+
+
 def test_a_block_notes_privileges_and_hyperparameters(tmp_path: Path) -> None:
     with sprl_bench.recording(
         out=tmp_path, agent="mine", seed=0, budget=10, privileged=True, hyperparameters={"rate": 0.1}
@@ -363,7 +398,9 @@ def test_what_is_recorded_is_not_copied(tmp_path: Path) -> None:
         ({"suite": "smok"}, "Unknown suite 'smok'; did you mean 'smoke'"),
         ({"budget": -5}, "budget is -5"),
         ({"hyperparameters": {"f": print}}, "hyperparameters: f is <built-in function print>; it must be plain"),
-        ({"hyperparameters": {"f": [float("nan")]}}, r"hyperparameters: f is \[nan\]; it must be plain and finite"),
+        ({"hyperparameters": {1: 2}}, "hyperparameters: the name 1 is not text"),
+        ({"hyperparameters": {"f": np.zeros(500)}}, r"hyperparameters: f is array.* \(ndarray\); it must be plain"),
+        ({"hyperparameters": {"f": [float("nan")]}}, r"hyperparameters: f is \[nan\]; it must be plain"),
     ],
 )
 def test_bad_arguments_are_named_in_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:

@@ -97,7 +97,6 @@ BROKEN = {
     "a score of its own": ('"auc": 0.5', '"auc": 0.75', "scores.auc is 0.75 but its curve gives 0.5"),
     "a threshold of its own": ('_threshold": 200', '_threshold": 400', "scores.steps_to_threshold is 400"),
     "a whole run of few steps": ('"env_steps": 20000', '"env_steps": 5', "totals.env_steps is 5 of a budget"),
-    "a part of a run that is whole": ('"complete"', '"incomplete"', "status is 'incomplete', but totals.env_steps"),
     "more successes than episodes": (
         '"successes": 50',
         '"successes": 101',

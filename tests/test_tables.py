@@ -315,18 +315,20 @@ def test_builds_devices_and_surroundings_that_differ_are_told(make_record: MakeR
     one, two = "1" * 40, "2" * 40
     assert notes({"git_commit": one}, {"git_commit": one}) == ()
     assert notes({"git_commit": one}, {"git_commit": f"{one}, {two}-dirty"}) == (
-        "a: runs of several builds of sprl-bench: 1111111111, 2222222222-dirty.",
+        "Different builds of sprl-bench: 1111111111 (a), 1111111111, 2222222222-dirty (a).",
     )
-    assert notes({"git_commit": f"{two}-dirty"}, {}) == (
-        "a: runs of a changed checkout of sprl-bench: 2222222222-dirty.",
+    assert notes({"git_commit": one}, {}, agents="ab") == (
+        "Different builds of sprl-bench: 1111111111 (a), no checkout (b).",
     )
+    assert notes({"git_commit": f"{one}, 6 others, {two}"}) == ()
+    assert notes({"git_commit": f"{two}-dirty"}) == ("Made with a changed checkout of sprl-bench: 2222222222-dirty.",)
     versions = {"numpy": "2.4.6", "sprl-bench": "0.1.0"}
     assert notes({"versions": {**versions, "python": "3.11.7"}}, {"versions": {**versions, "python": "3.12.1"}}) == (
         "Different versions of python: 3.11.7 (a), 3.12.1 (a).",
     )
     here, there = make_record("a", seed=0), make_record("a", seed=1)
     there = there.model_copy(update={"spec": there.spec.model_copy(update={"device": "cuda:1"})})
-    assert tabulate([here, there])[0].notes == ("a: runs on several devices: cpu, cuda.",)
+    assert tabulate([here, there])[0].notes == ("Different devices: cpu (a), cuda (a).",)
 
 
 def test_seeds_of_other_hyperparameters_are_refused(make_record: MakeRecord) -> None:

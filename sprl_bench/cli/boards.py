@@ -122,8 +122,10 @@ def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[Run
 
     records, planned = find_records(folder), planned_runs(folder)
     if seeds is None:
-        return records, list(planned)
+        return records, planned
     chosen = parse_seeds(seeds)
+    if without := sorted(set(chosen) - {one.spec.seed for one in records}):
+        raise ValueError(f"seeds is {seeds!r}, but {folder} has no run of seed {', '.join(map(str, without))}.")
     return [one for one in records if one.spec.seed in chosen], [one for one in planned if one.seed in chosen]
 
 

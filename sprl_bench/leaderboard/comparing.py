@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
 
 from sprl_bench import metrics
-from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.leaderboard.entries import Entry, is_telling
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
@@ -31,6 +32,7 @@ from sprl_bench.tables import (
 __all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons"]
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
+ABSENT: Final = object()
 SINGLE = "A single seed has no interval (-)."
 Columns = Mapping[str, Mapping[int, Scores]]
 
@@ -99,7 +101,7 @@ def compare(
     for task in tasks or ():
         if task not in (allowed := [part.task.name for part in entries[0].tasks]):
             raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
-    wanted = [*planned, *(record.spec for record in mine)]
+    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in mine)]
     return [
         _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
         for name in names
@@ -113,8 +115,8 @@ def _compare(
     results: Sequence[Result], entry: Entry, tasks: Sequence[str] | None, planned: Sequence[RunSpec]
 ) -> Comparison:
     theirs = entry.results()
-    wanted = {result.task.name for result in results} | {spec.task.name for spec in planned} if tasks is None else tasks
-    names = [part.task.name for part in entry.tasks if part.task.name in wanted]
+    asked_for = {result.task.name for result in results} | {spec.task.name for spec in planned}
+    names = [part.task.name for part in entry.tasks if part.task.name in (asked_for if tasks is None else tasks)]
     ours = [result for result in results if result.task.name in names]
     if not ours:
         raise MissingRunsError(f"Agent {results[0].agent!r} has no finished run of a task of {entry.agent}'s entry.")
@@ -158,7 +160,7 @@ def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str
     notes = []
     for task, mine in {result.task.name: result for result in ours}.items():
         here, there = mine.hyperparameters, entered[task].hyperparameters
-        changed = sorted(name for name in {**here, **there} if here.get(name) != there.get(name))
+        changed = sorted(name for name in {**here, **there} if here.get(name, ABSENT) != there.get(name, ABSENT))
         if mine.agent == entered[task].agent and changed:
             notes.append(f"{mine.agent} has other hyperparameters than its entry on {task}: {', '.join(changed)}.")
     return notes
@@ -166,15 +168,14 @@ def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str
 
 def _shared_seeds(ours: Sequence[Result], theirs: Sequence[Result]) -> list[int]:
     """Return the seeds whose runs are the entry's own, which makes the two sides anything but independent."""
-    entered = {(result.task.name, result.seed): result for result in theirs}
+    entered = {_signature(result) for result in theirs}
     return sorted(
-        {
-            mine.seed
-            for mine in ours
-            for entry in [entered.get((mine.task.name, mine.seed))]
-            if entry is not None and entry.agent == mine.agent and entry.return_curve == mine.return_curve
-        }
+        {mine.seed for mine in ours if is_telling(mine.task, mine.return_curve) and _signature(mine) in entered}
     )
+
+
+def _signature(result: Result) -> tuple[Any, ...]:
+    return result.agent, result.task.name, result.seed, result.return_curve
 
 
 def _columns(results: Sequence[Result], tasks: Sequence[str]) -> Columns:

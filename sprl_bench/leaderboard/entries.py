@@ -28,7 +28,7 @@ from sprl_bench.records import (
 )
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
-__all__ = ["MINIMUM_SEEDS", "Entry", "SeedResult", "TaskEntry"]
+__all__ = ["MINIMUM_SEEDS", "Entry", "SeedResult", "TaskEntry", "is_telling"]
 
 MINIMUM_SEEDS = 5
 NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")
@@ -93,11 +93,11 @@ class TaskEntry(Data):
         return self
 
     def _check_distinct(self) -> None:
-        """Refuse one run under two seeds; where an agent reaches nothing at all, two runs may well be the same."""
+        """Refuse one run under two seeds."""
         seen: dict[tuple[Curve, Curve], int] = {}
         for number, result in enumerate(self.results):
             curves = result.return_curve, result.success_curve
-            if all(len(set(curve)) == 1 for curve in curves):
+            if not is_telling(self.task, result.return_curve):
                 continue
             if curves in seen:
                 raise ValueError(
@@ -111,6 +111,12 @@ class TaskEntry(Data):
         _check_range("return_curve", result.return_curve, min(low, 0.0), max(high, 0.0))
         _check_range("success_curve", result.success_curve, 0.0, 1.0)
         check_scores(self.task, result.return_curve, result.success_curve, result.scores)
+
+
+def is_telling(task: TaskSpec, return_curve: Curve) -> bool:
+    """Return whether no two runs would have this curve: it takes values between nothing, the least and the most."""
+    values = set(return_curve)
+    return len(values) > 1 and not values <= {0.0, *task.score_range}
 
 
 def _check_range(name: str, curve: Sequence[float], low: float, high: float) -> None:
@@ -174,7 +180,7 @@ class Entry(Data):
                 hyperparameters=entry.hyperparameters,
                 fingerprint=entry.fingerprint,
                 versions=self.versions,
-                git_commit=", ".join(self.git_commits),
+                builds=self.git_commits,
                 device=result.device,
                 return_curve=result.return_curve,
                 scores=result.scores,

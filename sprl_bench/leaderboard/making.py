@@ -170,8 +170,8 @@ def _common(records: Sequence[RunRecord], name: str, value: Callable[[RunSpec], 
 
 
 def _commits(records: Sequence[RunRecord]) -> tuple[str, ...]:
-    """Return every commit that a run was made with; one that went on after an interruption may have several."""
-    return tuple(sorted({commit for record in records for commit in (record.git_commit or "").split(", ") if commit}))
+    """Return what the runs say of their builds, each once; one that went on after an interruption may name several."""
+    return tuple(sorted({record.git_commit for record in records if record.git_commit}))
 
 
 def _versions(records: Sequence[RunRecord]) -> dict[str, str]:

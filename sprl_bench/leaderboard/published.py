@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -17,6 +18,8 @@ __all__ = [
     "OutdatedEntryError", "add_entry", "board", "boards", "entry_path", "find_board", "find_entries", "home",
     "own_home", "read_entry", "schema", "validate",
 ]  # fmt: skip
+
+logger = logging.getLogger("sprl_bench")
 
 SCHEMA = "schema.json"
 
@@ -58,13 +61,12 @@ def read_entry(path: Path) -> Entry:
         FileNotFoundError: There is no such file.
     """
     entry = read(path, Entry)
-    if entry.suite in SUITES and entry.suite_version < (now := SUITES[entry.suite].version):
-        line = locate(path, ("suite_version",))
-        raise OutdatedEntryError(f"{path}:{line}: suite_version: it is {entry.suite_version}; the suite's is {now}")
     try:
         check_suite(entry)
     except ValueError as error:
-        raise InvalidFileError(f"{path}:{_line(path, str(error))}: {error}") from None
+        is_older = entry.suite in SUITES and entry.suite_version < SUITES[entry.suite].version
+        kind = OutdatedEntryError if is_older else InvalidFileError
+        raise kind(f"{path}:{_line(path, str(error))}: {error}") from None
     place = entry_path(Path(), entry.suite, entry.agent)
     if path.resolve().parts[-2:] != place.parts:
         raise InvalidFileError(f"{path}:1: the entry of {entry.agent} on {entry.suite} belongs in {place}")
@@ -77,26 +79,27 @@ def _line(path: Path, complaint: str) -> int:
 
 
 def find_entries(folder: Path) -> list[Entry]:
-    """Read all entries of one board but those of an earlier version of its suite.
+    """Read all entries of one board but those of an earlier version of its suite, which a warning names.
 
     Raises:
         InvalidFileError: One of them is broken.
         FileNotFoundError: There is no such folder.
     """
-    return _find_entries(folder)[0]
-
-
-def _find_entries(folder: Path) -> tuple[list[Entry], list[str]]:
-    """Return the entries of one board, and the names of those that are outdated."""
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is not a folder of leaderboard entries.")
+    return _read_current(sorted(folder.glob("*.json")))
+
+
+def _read_current(paths: Iterable[Path]) -> list[Entry]:
     entries, outdated = [], []
-    for path in sorted(folder.glob("*.json")):
+    for path in paths:
         try:
             entries.append(read_entry(path))
         except OutdatedEntryError:
-            outdated.append(path.stem)
-    return entries, outdated
+            outdated.append(str(path))
+    if outdated:
+        logger.warning("Left out, as of an earlier version of the suite: %s.", ", ".join(outdated))
+    return entries
 
 
 def find_board(name: Path) -> list[Entry]:
@@ -109,16 +112,14 @@ def find_board(name: Path) -> list[Entry]:
     """
     if name.is_file():
         return [read_entry(name)]
-    folder = name if name.is_dir() else home() / name
-    if (folder / SCHEMA).exists():
-        raise ValueError(f"{name} is the folder of all boards; name one of them: {_listed(_names(folder))}.")
+    if (name / SCHEMA).exists():
+        raise ValueError(
+            f"{name} is the folder of all boards; name one of them: {', '.join(_names(name)) or 'none yet'}."
+        )
+    folder = name if any(name.glob("*.json")) else home() / name
     if not folder.is_dir():
-        raise FileNotFoundError(f"{name} is neither an entry nor a board; there is {_listed(_names(home()))}.")
+        raise FileNotFoundError(unknown("entry or board", str(name), _names(home())))
     return find_entries(folder)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) or "none yet"
 
 
 def _names(folder: Path) -> list[str]:
@@ -139,12 +140,8 @@ def validate(paths: Iterable[Path]) -> list[str]:
     return complaints
 
 
-def board(entries: Sequence[Entry], outdated: Sequence[str] = ()) -> Table:
+def board(entries: Sequence[Entry]) -> Table:
     """Return the table of one suite's entries, the highest mean AUC first.
-
-    Args:
-        entries: Of one suite, as it stands.
-        outdated: Names of entries that are left out, to be told in a note.
 
     Raises:
         IncomparableError: They must not share a table.
@@ -159,8 +156,7 @@ def board(entries: Sequence[Entry], outdated: Sequence[str] = ()) -> Table:
         f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}"
         for entry in (by_agent[row.agent] for row in rows)
     ]
-    left_out = [f"Left out, as of an earlier version of the suite: {', '.join(outdated)}."] if outdated else []
-    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *left_out, *sources)})
+    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
 
 
 def boards(folder: Path, suite: str | None = None) -> list[Table]:
@@ -173,10 +169,10 @@ def boards(folder: Path, suite: str | None = None) -> list[Table]:
     names = _names(folder)
     if suite is not None and suite not in names:
         raise ValueError(unknown("leaderboard", suite, names))
-    found = [_find_entries(folder / name) for name in names if suite in (None, name)]
-    tables = [board(entries, outdated) for entries, outdated in found if entries]
+    found = [find_entries(folder / name) for name in names if suite in (None, name)]
+    tables = [board(entries) for entries in found if entries]
     if not tables:
-        raise ValueError(f"{folder} has no entry yet; make one with: sprl-bench leaderboard add")
+        raise ValueError(f"{folder} has no entry of a suite as it stands; make one with: sprl-bench leaderboard add")
     return tables
 
 
@@ -191,9 +187,8 @@ def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
     path = entry_path(folder, entry.suite, entry.agent)
     if path.exists() and not replace:
         raise FileExistsError(f"{path} exists; replace it with --replace.")
-    if path.parent.is_dir():
-        others = [other for other in find_entries(path.parent) if other.agent != entry.agent]
-        check_comparable([result for one in (*others, entry) for result in one.results()])
+    others = _read_current(other for other in sorted(path.parent.glob("*.json")) if other != path)
+    check_comparable([result for one in (*others, entry) for result in one.results()])
     write(path, entry)
     return path
 

@@ -52,7 +52,7 @@ class EpisodeLog:
         self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
         self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
         self._lengths = np.zeros(num_envs, np.int64)  # [N]
-        self._stamps = np.zeros(num_envs, np.int64)  # [N], of the last step that each has taken
+        self._stamps = np.zeros(num_envs, np.int64)  # [N], of the last step that each has taken; 0 for none
         self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset
         self._may_be_over = autoreset is not AutoresetMode.SAME_STEP
         self._numbers = np.arange(1, num_envs + 1)  # of the steps within one call, where each sub-environment takes one
@@ -83,7 +83,9 @@ class EpisodeLog:
         """All finished episodes within the budget, by stamp: [E] of `EPISODE`."""
         rows = self._rows[: self._count]
         within = rows[rows["stamp"] <= self.budget]
-        return within[np.argsort(within["stamp"])]  # an abandoned one is logged later than it ended
+        within = within[np.argsort(within["stamp"])]  # an abandoned one is logged later than it ended
+        within["env"] = (np.cumsum(self._stamps > 0) - 1)[within["env"]]  # among those that have taken a step
+        return within
 
     def step(self, rewards: Floats, ended: Mask, success: Mask, envs: slice = ALL) -> bool:
         """Count one call of `step` and log the episodes that it ended; once the budget is reached, do nothing.
@@ -146,10 +148,10 @@ class EpisodeLog:
         rows["return"] = self._sums[indices] + self._lost[indices]
         rows["length"] = self._lengths[indices]
         rows["success"] = success
+        self._forget(indices)
         if not np.isfinite(rows["return"]).all():
             raise ValueError(f"An episode's return is {rows['return']}; rewards must be finite.")
         self._count += len(indices)
-        self._forget(indices)
 
     def _room_for(self, count: int) -> npt.NDArray[Any]:
         needed = self._count + count
@@ -165,7 +167,11 @@ class EpisodeLog:
         self._lengths[envs] = 0
 
     def reset(self, envs: slice | Indices | Mask = ALL) -> None:
-        """Log what was unfinished in the sub-environments that were reset from outside; a mask [N] is fine."""
+        """Log what was unfinished in the sub-environments that were reset from outside; a mask [N] is fine.
+
+        Raises:
+            ValueError: The return of an unfinished episode is not finite.
+        """
         indices = np.arange(self.num_envs)[envs]
         begun = indices[self._lengths[indices] > 0]
         if len(begun) and not self.complete:

@@ -17,10 +17,10 @@ from gymnasium import Space, spaces
 from gymnasium.envs.registration import make_vec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench.recorder.golden import EPISODES
+from sprl_bench.recorder.golden import GOLDEN
 from sprl_bench.records import TaskSpec
 
-__all__ = ["fingerprint"]
+__all__ = ["fingerprint", "trajectory"]
 
 NUM_ENVS = 2
 STEPS = 200  # at least
@@ -63,10 +63,10 @@ def trajectory(envs: VectorEnv[Any, Any, Any], env_id: str) -> Iterator[tuple[An
         seen = _step(envs, _random_actions(envs.single_action_space, generator))
         ended |= seen[2] | seen[3]
         yield seen
-    if env_id in EPISODES:
-        seeds: Any = list(EPISODES[env_id].seeds)  # each its own, which Gymnasium's type leaves out
+    if env_id in GOLDEN:
+        seeds: Any = list(GOLDEN[env_id].seeds)  # each its own, which Gymnasium's type leaves out
         yield (envs.reset(seed=seeds)[0],)
-        for actions in EPISODES[env_id].actions(envs.single_action_space):
+        for actions in GOLDEN[env_id].actions(envs.single_action_space):
             yield _step(envs, actions)
 
 

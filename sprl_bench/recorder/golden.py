@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import Space, spaces
 
-__all__ = ["EPISODES", "Golden"]
+__all__ = ["GOLDEN", "Golden"]
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class Golden:
 
     Attributes:
         seeds: What each is reset with.
-        paths: The actions of each, a digit an action; both are equally long. Empty for a single step of standing still.
+        paths: The actions of each, a digit an action; both are equally long. Empty where actions are continuous: there
+            they stand still for one step.
     """
 
     seeds: tuple[int, int]
@@ -39,7 +40,7 @@ class Golden:
 
 # On the grids both episodes end at the goal; of the Fetch tasks' the first begins within reach of it, the second just
 # beyond, so that the distance that counts as reached shows as well.
-EPISODES: Final[Mapping[str, Golden]] = MappingProxyType(
+GOLDEN: Final[Mapping[str, Golden]] = MappingProxyType(
     {
         "SPRL/FourRooms-7x7-v1": Golden((17, 19), ("222122", "022202")),
         "SPRL/FourRooms-11x11-v1": Golden((36, 367), ("122212", "022212")),

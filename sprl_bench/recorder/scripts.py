@@ -15,7 +15,6 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
@@ -107,7 +106,7 @@ def _run_of(
     return run
 
 
-class _ScriptRun(Listener):
+class _ScriptRun:
     """One run of a script while it goes on, from its first environment to its record.
 
     Args:
@@ -125,14 +124,14 @@ class _ScriptRun(Listener):
         self.spec, self.folder = spec, folder
         self.held = False  # whether it goes on when all its environments are closed
         fingerprint(spec.task)  # now, for the same reason
-        self._git_commit = machine.git_commit()  # of what is loaded: files may change until the end
+        machine.git_commit()  # is remembered from here on: files may change until the end
         self._owned = contextlib.ExitStack()
         self._owned.enter_context(lock(folder))
         self._owned.callback(_LIVE.pop, folder)
         _LIVE[folder] = self
         self._process, self._started = os.getpid(), time.perf_counter()
         self._log, self._vector = self._empty_log(), False
-        self._open: dict[int, _Turns] = {}
+        self._open: set[_Member] = set()
         self._final = False
         try:
             _refuse_to_replace(folder)
@@ -150,46 +149,36 @@ class _ScriptRun(Listener):
         vector = isinstance(env, VectorEnv)
         if self._log.env_steps or (self._open and (vector or self._vector)):
             raise ValueError(f"{self.folder} is being recorded already. {ELSEWHERE}")
+        member = _Member(self)
         recorder: Any
         if vector:
-            recorder = VectorRecorder(env, self.spec.task.budget, self)
-            self._log, index = recorder.episode_log, 0
+            recorder = VectorRecorder(env, self.spec.task.budget, member)
+            self._log = recorder.episode_log
         else:
             if self._vector:
                 self._log = self._empty_log()
-            index = self._log.add_env()
-            recorder = EnvRecorder(env, self._log, index, self)
+            recorder = EnvRecorder(env, self._log, self._log.add_env(), member)
         self._vector = vector
-        self._open[index] = _Turns()
-        weakref.finalize(recorder, self.closed, index)  # when it is forgotten, or at the end of the process
+        self._open.add(member)
+        weakref.finalize(recorder, member.closed)  # when it is forgotten, or at the end of the process
         return recorder
 
     def _empty_log(self) -> EpisodeLog:
         return EpisodeLog(0, self.spec.task.budget, AutoresetMode.DISABLED)
 
-    def stepping(self, index: int) -> None:
-        """Refuse a step out of turn: with N environments, each takes its step before one takes its next."""
-        mine = self._open.get(index, _Turns())
+    def check_turn(self, steps: int) -> None:
+        """Refuse a step, after so many, out of turn: with N environments, each steps before one takes its next."""
         if len(self._open) > 1 and not self._final:
-            slowest = min(turns.steps + turns.resets for turns in self._open.values())
-            if mine.steps > slowest:
+            slowest = min(member.steps + member.resets for member in self._open)
+            if steps > slowest:
                 raise RuntimeError(
                     f"{len(self._open)} environments are recorded as one run ({self.folder}), but one of them is not "
                     f"stepped in turn with the others. {ELSEWHERE} One that is no longer needed must be closed."
                 )
-        mine.steps += 1
 
-    def resetting(self, index: int) -> None:
-        """Count a reset: a vector environment may spend its turn on it."""
-        self._open.get(index, _Turns()).resets += 1
-
-    def completed(self) -> None:
-        """Write the record."""
-        self.finish()
-
-    def closed(self, index: int) -> None:
+    def leave(self, member: _Member) -> None:
         """Write what there is, if this was the last of the environments."""
-        self._open.pop(index, None)
+        self._open.discard(member)
         if not self._open and not self.held:
             self.finish()
 
@@ -201,8 +190,7 @@ class _ScriptRun(Listener):
         with self._owned:
             if self._log.env_steps:
                 spec = self.spec.model_copy(update={"num_envs": self._log.num_stepped})
-                wall_time_s = time.perf_counter() - self._started
-                write_result(self.folder, spec, self._log, wall_time_s=wall_time_s, git_commit=self._git_commit)
+                write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
                 self._report()
 
     def _report(self) -> None:
@@ -218,12 +206,26 @@ class _ScriptRun(Listener):
             )
 
 
-@dataclass
-class _Turns:
-    """What one environment of several has done so far."""
+class _Member(Listener):
+    """One environment of a run, and what it has done so far."""
 
-    steps: int = 0
-    resets: int = 0
+    def __init__(self, run: _ScriptRun) -> None:
+        self._run = run
+        self.steps = 0
+        self.resets = 0  # a vector environment may spend its turn on one
+
+    def stepping(self) -> None:
+        self._run.check_turn(self.steps)
+        self.steps += 1
+
+    def resetting(self) -> None:
+        self.resets += 1
+
+    def completed(self) -> None:
+        self._run.finish()
+
+    def closed(self) -> None:
+        self._run.leave(self)
 
 
 _LIVE: Final[dict[Path, _ScriptRun]] = {}

@@ -21,19 +21,19 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Listener:
-    """Is told what happens to recorded environments; this one does nothing."""
+    """Is told what happens to a recorded environment; this one does nothing."""
 
-    def stepping(self, index: int) -> None:
+    def stepping(self) -> None:
         """Hear that a single environment is about to take a step; raising keeps it from that."""
 
-    def resetting(self, index: int) -> None:
+    def resetting(self) -> None:
         """Hear that a single environment is about to be reset."""
 
     def completed(self) -> None:
         """Hear that the budget has been reached."""
 
-    def closed(self, index: int) -> None:
-        """Hear that an environment is about to be closed."""
+    def closed(self) -> None:
+        """Hear that the environment is about to be closed."""
 
 
 SILENT: Final = Listener()
@@ -104,7 +104,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
 
     def close(self, **kwargs: Any) -> None:
         """Close the environment."""
-        self._listener.closed(0)
+        self._listener.closed()
         self.env.close(**kwargs)
 
 
@@ -131,14 +131,14 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; an unfinished episode counts as a failure."""
-        self._listener.resetting(self._index)
+        self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
         self.episode_log.reset(self._here)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Step the environment and log the episode if it ends."""
-        self._listener.stepping(self._index)
+        self._listener.stepping()
         observation, reward, terminated, truncated, info = self.env.step(action)
         ended = np.array([terminated or truncated])
         success = np.array([bool(info.get("is_success", False))])
@@ -159,6 +159,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         raise TypeError(UNCOPYABLE)
 
     def close(self) -> None:
-        """Close the environment."""
-        self._listener.closed(self._index)
+        """Close the environment; an unfinished episode counts as a failure."""
+        self.episode_log.reset(self._here)
+        self._listener.closed()
         self.env.close()

@@ -7,6 +7,7 @@ its hyperparameters do; what else differs is said aloud.
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 
@@ -35,7 +36,6 @@ SURROUNDINGS = ("python", "platform")
 """What our code runs in; another one moves no score that we know of."""
 DIRTY = "-dirty"
 """Stands behind the commit of a checkout in which files differ."""
-SHOWN_DIGITS = 10
 
 
 class IncomparableError(ValueError):
@@ -81,7 +81,7 @@ def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tu
     return sorted(groups.items())
 
 
-def differences(results: Sequence[Result], value: Callable[[Result], str]) -> str:
+def _by_value(results: Sequence[Result], value: Callable[[Result], str]) -> str:
     """Return "VALUE (agents), VALUE (agents)" where `value` is not the same for all, else an empty string."""
     groups = _grouped(results, value)
     if len(groups) < 2:
@@ -90,7 +90,7 @@ def differences(results: Sequence[Result], value: Callable[[Result], str]) -> st
 
 
 def _refuse_mixed(what: str, results: Sequence[Result], value: Callable[[Result], str]) -> None:
-    if mixed := differences(results, value):
+    if mixed := _by_value(results, value):
         raise IncomparableError(f"{what} differs: {mixed}. Such results are not comparable.")
 
 
@@ -122,7 +122,7 @@ def version_differences(results: Sequence[Result], packages: Iterable[str] = SCO
     found = {}
     for package in packages:
         loaded = [result for result in results if package in result.versions]
-        if text := differences(loaded, _version_of(package)):
+        if text := _by_value(loaded, _version_of(package)):
             found[package] = text
     return found
 
@@ -132,32 +132,26 @@ def _version_of(package: str) -> Callable[[Result], str]:
 
 
 def _build_notes(results: Sequence[Result]) -> list[str]:
-    """Say where one agent's runs were made by several builds of this package, or by one that no commit names."""
-    notes = []
-    for agent, runs in _grouped(results, lambda result: result.agent):
-        commits = sorted({commit for run in runs for commit in run.git_commit.split(", ") if commit})
-        changed = [DIRTY if commit.endswith(DIRTY) else "" for commit in commits]
-        shown = ", ".join(
-            commit.removesuffix(mark)[:SHOWN_DIGITS] + mark for commit, mark in zip(commits, changed, strict=True)
-        )
-        if len(commits) > 1:
-            notes.append(f"{agent}: runs of several builds of sprl-bench: {shown}.")
-        elif any(changed):
-            notes.append(f"{agent}: runs of a changed checkout of sprl-bench: {shown}.")
-    return notes
+    """Say where runs were made by several builds of this package, or by one that no commit names."""
+    if mixed := _by_value(results, _build):
+        return [f"Different builds of sprl-bench: {mixed}."]
+    return [f"Made with a changed checkout of sprl-bench: {_build(results[0])}."] if DIRTY in _build(results[0]) else []
+
+
+def _build(result: Result) -> str:
+    """Return the commits in short, as in "0123456789-dirty"."""
+    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.builds)) or "no checkout"
 
 
 def _device_notes(results: Sequence[Result]) -> list[str]:
-    """Say where one agent's runs computed on devices of several kinds."""
-    by_agent = _grouped(results, lambda result: result.agent)
-    kinds = {agent: sorted({run.device.partition(":")[0] for run in runs}) for agent, runs in by_agent}
-    return [f"{agent}: runs on several devices: {', '.join(used)}." for agent, used in kinds.items() if len(used) > 1]
+    mixed = _by_value(results, lambda result: result.device.partition(":")[0])
+    return [f"Different devices: {mixed}."] if mixed else []
 
 
 def _width_notes(results: Sequence[Result]) -> list[str]:
     """Say where agents had different numbers of sub-environments on a task: quick successes then count differently."""
     mixed = (
-        differences(of_task, lambda result: str(result.num_envs))
+        _by_value(of_task, lambda result: str(result.num_envs))
         for _, of_task in _grouped(results, lambda result: result.task.name)
     )
     return [

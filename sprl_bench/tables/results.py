@@ -46,7 +46,7 @@ class Result:
     hyperparameters: Mapping[str, JsonValue]
     fingerprint: str
     versions: Mapping[str, str]
-    git_commit: str  # of this package's checkout, several with commas between; empty where there was none
+    builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
     device: str
     return_curve: tuple[float, ...]
     scores: Scores
@@ -66,7 +66,7 @@ class Result:
             hyperparameters=spec.hyperparameters,
             fingerprint=record.fingerprint,
             versions=record.versions,
-            git_commit=record.git_commit or "",
+            builds=(record.git_commit,) if record.git_commit else (),
             device=spec.device,
             return_curve=record.return_curve,
             scores=record.scores,
