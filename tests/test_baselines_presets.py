@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -131,3 +133,13 @@ def test_an_agent_without_such_a_preset_is_told_who_has_one(agent: str, domain: 
         ValueError, match=rf"Agent '{agent}' has no settings for domain '{domain}' \(preset '{preset}'\); .*sprl"
     ):
         AGENTS[agent].hyperparameters(domain, {"preset": preset})
+
+
+def test_the_page_of_all_hyperparameters_is_as_written() -> None:
+    """If this fails: python docs/write_hyperparameters.py docs/hyperparameters.md."""
+    docs = Path(__file__).parent.parent / "docs"
+    page = runpy.run_path(str(docs / "write_hyperparameters.py"))["page"]()
+    assert (docs / "hyperparameters.md").read_text() == page
+    for agent in AGENTS.values():
+        for name in agent.hyperparameters("grid", {}):
+            assert f"\n| `{name}` | " in page
