@@ -24,8 +24,8 @@ from sprl_baselines.sprl import ConstraintConfig
 
 HEAD: Final = """# Hyperparameters
 
-Every one of every agent, as `--set NAME=VALUE` takes it. The defaults are those of the grids. What presets change stands
-at the end; a run's record holds what came of both.
+Every one of every agent, as `--set NAME=VALUE` takes it. The defaults are those of the grids. What presets change
+stands at the end; a run's record holds what came of both.
 
 `python docs/write_hyperparameters.py docs/hyperparameters.md` writes this page.
 """
