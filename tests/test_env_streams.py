@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from gymnasium.utils import seeding
@@ -52,16 +54,19 @@ def test_only_the_named_rows_are_seeded() -> None:
     assert not streams[[1, 3]].any()
 
 
-def test_the_cache_of_a_kernel_is_named_after_all_its_sources(tmp_path: pytest.TempPathFactory) -> None:
-    """Editing the layouts must not leave a stale kernel behind, so its name changes with any file of the folder."""
-    from pathlib import Path
+def test_the_cache_of_a_kernel_is_named_after_all_its_sources(tmp_path: Path) -> None:
+    """Editing the layouts must not leave a stale kernel behind, so its name changes with any file of its folder.
 
-    folder = Path(str(tmp_path))
-    (folder / "layouts.py").write_text("gap = 1")
-    before = compiled._digest(folder)
-    (folder / "layouts.py").write_text("gap = 2")
-    assert compiled._digest(folder) != before
-    assert fill_doubles.py_func.__qualname__.endswith(compiled.SOURCES)
+    And with any of the engine's, whose functions the kernels of other folders call.
+    """
+    (tmp_path / "layouts.py").write_text("gap = 1")
+    before = compiled.sources(tmp_path)
+    (tmp_path / "layouts.py").write_text("gap = 2")
+    compiled.sources.cache_clear()
+    after = compiled.sources(tmp_path)
+    assert after != before
+    assert after != compiled.sources(tmp_path / "empty") == compiled.sources(Path(compiled.__file__).parent)
+    assert fill_doubles.py_func.__qualname__.endswith(compiled.sources(Path(compiled.__file__).parent))
 
 
 def test_without_a_folder_to_cache_in_kernels_still_compile(monkeypatch: pytest.MonkeyPatch) -> None:

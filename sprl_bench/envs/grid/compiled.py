@@ -1,31 +1,32 @@
 """How the grid kernels are compiled: by Numba, cached on disk under a name that all their sources decide.
 
 Numba's own cache watches only the file that holds a kernel. Ours call functions of other files (the layouts are
-shared with the single environment), and a kernel that outlives an edit of those would no longer be the same MDP.
+shared with the single environment, the maps with the solver's search), and a kernel that outlives an edit of those
+would no longer be the same MDP.
 """
 
 from __future__ import annotations
 
 import hashlib
+import inspect
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import Any, Final, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from numba import njit
 from numba.extending import register_jitable
 
-__all__ = ["SOURCES", "inline", "kernel"]
+__all__ = ["inline", "kernel", "sources"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def _digest(folder: Path) -> str:
-    """Return a short hash of the Python sources in ``folder``."""
-    sources = b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))
-    return hashlib.sha256(sources).hexdigest()[:16]
-
-
-SOURCES: Final = _digest(Path(__file__).parent)
+@cache
+def sources(folder: Path) -> str:
+    """Return a short hash of the Python sources in ``folder`` and in the one that this file is in."""
+    paths = {path for each in (Path(__file__).parent, folder) for path in each.glob("*.py")}
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(paths))).hexdigest()[:16]
 
 
 def inline(function: Function) -> Function:
@@ -38,7 +39,8 @@ def kernel(function: Function) -> Function:
 
     The compiled code is cached on disk, or not at all where no folder can be written.
     """
-    function.__qualname__ = f"{function.__qualname__}_{SOURCES}"
+    folder = Path(inspect.getfile(function)).parent
+    function.__qualname__ = f"{function.__qualname__}_{sources(folder)}"
     try:
         compiled = njit(cache=True, nogil=True)(function)
     except RuntimeError:
