@@ -11,7 +11,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from sprl_bench import records
+from sprl_bench import leaderboard, records
 from sprl_bench.records import Hardware, RunRecord, RunSpec, Scores, TaskSpec, Totals
 from sprl_bench.tasks import SUITES
 
@@ -89,6 +89,15 @@ def grid_7x7() -> list[RunRecord]:
         for task in ("FourRooms-7x7", "KeyDoors-7x7")
         for seed in range(5)
     ]
+
+
+@pytest.fixture
+def home(grid_7x7: list[RunRecord], tmp_path: Path) -> Path:
+    """A folder of boards: that of grid-7x7 with an entry of each of the two agents."""
+    about = {"authors": ["Ada L."], "link": "https://example.org/paper_1"}
+    for agent in ("ppo", "random"):
+        leaderboard.add_entry(leaderboard.make_entry(grid_7x7, agent=agent, **about), tmp_path / "boards")
+    return tmp_path / "boards"
 
 
 @pytest.fixture

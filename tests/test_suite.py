@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -26,7 +25,7 @@ from sprl_bench.progress import LiveProgress, PlainProgress, duration, make_obse
 from sprl_bench.recorder.folder import LockedError, is_locked, lock
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.run import InterruptedRunError, SpecChangedError
-from sprl_bench.suite import Observer, Outcome, devices, expand, require_device, run_suite, survey
+from sprl_bench.suite import Observer, Outcome, expand, run_suite, survey
 from sprl_bench.tasks import find_suite
 
 pytestmark = pytest.mark.usefixtures("fakes")
@@ -63,138 +62,6 @@ def walkers(seeds: Sequence[int] = (0,), budget: int = 300, **overrides: Any) ->
 
 def statuses(outcomes: Sequence[Outcome]) -> list[str]:
     return [outcome.status for outcome in outcomes]
-
-
-# What runs there are.
-
-
-def test_expand_gives_every_seed_of_every_task_and_agent() -> None:
-    specs = expand(find_suite("grid-7x7"), ["random", WALKER], [0, 4])
-    assert [(spec.seed, spec.task.name, spec.agent) for spec in specs] == [
-        (seed, task, agent)
-        for seed in (0, 4)
-        for task in ("FourRooms-7x7", "KeyDoors-7x7")
-        for agent in ("random", "walker")
-    ]
-    assert {(spec.suite, spec.suite_version) for spec in specs} == {("grid-7x7", 1)}
-    assert [spec.source for spec in specs[:2]] == ["random", WALKER]
-    assert [spec.num_envs for spec in specs[:2]] == [12, 3]
-    assert {(spec.device, spec.torch_threads) for spec in specs} == {("cpu", 1)}
-
-
-def test_expand_resolves_the_presets_of_the_domain() -> None:
-    (spec,) = expand(SMOKE, ["ppo"], [0], overrides={"learning_rate": 0.5})
-    assert spec.hyperparameters["learning_rate"] == 0.5
-    assert len(spec.hyperparameters) > 10
-    assert spec.num_envs == spec.hyperparameters["num_envs"]
-
-
-def test_an_agent_with_another_preset_is_an_agent_of_its_own() -> None:
-    table, ablation = expand(SMOKE, ["sprl", "sprl@ablation"], [0])
-    assert (table.agent, ablation.agent) == ("sprl", "sprl@ablation")
-    assert (table.source, ablation.source) == ("sprl", "sprl")
-    assert (table.hyperparameters["k"], ablation.hyperparameters["k"]) == (2, 5)
-    (spec,) = expand(SMOKE, ["sprl"], [0], overrides={"preset": "ablation"})
-    assert (spec.agent, spec.hyperparameters) == ("sprl", ablation.hyperparameters)
-    (spec,) = expand(SMOKE, ["sprl@ablation"], [0], overrides={"k": 3})
-    assert spec.hyperparameters == {**ablation.hyperparameters, "k": 3}
-
-
-def test_expand_takes_some_tasks_only() -> None:
-    specs = expand(find_suite("grid"), ["random"], [0], tasks=["KeyDoors-11x11"])
-    assert [spec.task.name for spec in specs] == ["KeyDoors-11x11"]
-
-
-def test_another_budget_is_another_task_of_no_suite() -> None:
-    (spec,) = expand(SMOKE, ["random"], [0], budget=500)
-    assert (spec.suite, spec.suite_version, spec.task.name, spec.task.budget) == ("custom", 0, "FourRooms-7x7-500", 500)
-    (spec,) = expand(SMOKE, ["random"], [0], budget=20_000)
-    assert (spec.suite, spec.task.name) == ("smoke", "FourRooms-7x7")
-
-
-def test_an_agent_without_an_opinion_on_num_envs_gets_twelve_or_what_is_asked_for() -> None:
-    (spec,) = expand(SMOKE, ["harness_fakes:forgetful"], [0])
-    assert (spec.num_envs, "num_envs" in spec.hyperparameters) == (12, False)
-    (spec,) = expand(SMOKE, ["harness_fakes:forgetful"], [0], overrides={"num_envs": 5})
-    assert (spec.num_envs, "num_envs" in spec.hyperparameters) == (5, False)
-    (spec,) = expand(SMOKE, [WALKER], [0], overrides={"num_envs": 5})
-    assert (spec.num_envs, spec.hyperparameters["num_envs"]) == (5, 5)
-
-
-def test_a_hyperparameter_without_a_default_can_be_set() -> None:
-    (spec,) = expand(SMOKE, ["harness_fakes:demanding"], [0], overrides={"width": 3, "depth": 2, "num_envs": 5})
-    assert (spec.hyperparameters, spec.num_envs) == ({"width": 3, "depth": 2}, 5)
-    (spec,) = expand(SMOKE, ["harness_fakes:parallel"], [0], overrides={"num_envs": 5})
-    assert (spec.hyperparameters, spec.num_envs) == ({"num_envs": 5}, 5)
-    with pytest.raises(ValueError, match="must be given: num_envs"):
-        expand(SMOKE, ["harness_fakes:parallel"], [0])
-
-
-@pytest.mark.parametrize("device", ["cpu", "cuda", "cuda:1"])
-def test_devices_are_taken_as_they_are_named(device: str) -> None:
-    (spec,) = expand(SMOKE, ["random"], [0], device=device)
-    assert spec.device == device
-
-
-@pytest.mark.parametrize(
-    ("gpus", "device", "message"),
-    [
-        (0, "cuda", "device is 'cuda', which torch does not find here; there are auto, cpu."),
-        (1, "cuda:1", "device is 'cuda:1', which torch does not find here; there are auto, cpu, cuda:0."),
-    ],
-)
-def test_a_gpu_that_is_not_here_is_refused(
-    gpus: int, device: str, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(devices, "_gpus", lambda: gpus)
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        require_device(device)
-
-
-@pytest.mark.parametrize(("gpus", "device"), [(0, "cpu"), (0, "auto"), (1, "auto"), (1, "cuda"), (2, "cuda:1")])
-def test_a_device_that_is_here_is_accepted(gpus: int, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(devices, "_gpus", lambda: gpus)
-    require_device(device)
-
-
-def test_privileged_agents_are_marked() -> None:
-    assert [spec.privileged for spec in expand(SMOKE, [BROKEN, DYING], [0])] == [True, False]
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"seeds": [0, 1, 0]}, "seeds holds 0 more than once"),
-        ({"seeds": []}, "seeds is empty"),
-        ({"seeds": [-1]}, "seed: "),
-        ({"agents": [WALKER, "elsewhere:walker"]}, "agents holds 'walker' more than once"),
-        ({"agents": ["sprl@ablation", "sprl@ablation"]}, "agents holds 'sprl@ablation' more than once"),
-        ({"agents": ["sprl@ablatoin"]}, "'ablatoin'; did you mean 'ablation'"),
-        ({"agents": ["spr@ablation"]}, "Unknown agent 'spr'; did you mean 'sprl'"),
-        ({"agents": ["sprl@"]}, "agents holds 'sprl@'; after the @ comes the name of a preset"),
-        ({"agents": ["random@table"]}, "Unknown hyperparameter 'preset'"),
-        ({"agents": [f"{WALKER}@table"]}, f"Agent '{WALKER}' has no presets, so none that is called 'table'"),
-        ({"agents": ["sprl@ablation"], "overrides": {"preset": "table"}}, "preset is given twice: as @ablation"),
-        ({"agents": ["pppo"]}, "Unknown agent 'pppo'; did you mean 'ppo'"),
-        ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke': 'FourRooms'; did you mean 'FourRooms-7x7'"),
-        ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),
-        ({"overrides": {"num_envs": 0}}, "num_envs: "),
-        ({"overrides": {"num_envs": 2.5}}, "num_envs: "),
-        ({"budget": 0}, "task.budget: |budget"),
-        ({"torch_threads": 0}, "torch_threads: "),
-        ({"device": "gpu"}, "device is 'gpu'; allowed are auto, cpu, cuda and cuda:N"),
-        ({"device": "cuda:"}, "device is 'cuda:'; allowed"),
-        ({"device": "cpu\n"}, "device is "),
-        ({"agents": ["harness_fakes:demanding"]}, "without a default must be given: depth, width"),
-        ({"agents": ["harness_fakes:demanding"], "overrides": {"width": 3}}, "must be given: depth"),
-        ({"agents": ["harness_fakes:demanding"], "overrides": {"widht": 3}}, "did you mean 'width'"),
-    ],
-)
-def test_bad_arguments_are_named_in_one_line(changes: dict[str, Any], message: str) -> None:
-    arguments: dict[str, Any] = {"agents": [WALKER], "seeds": [0], **changes}
-    with pytest.raises(ValueError, match=message) as raised:
-        expand(SMOKE, **arguments)
-    assert "\n" not in str(raised.value)
 
 
 # What is done about them.
@@ -407,26 +274,6 @@ def alive(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
-
-
-@pytest.mark.parametrize(
-    ("name", "workers", "message"),
-    [
-        ("lokal", 1, "Unknown executor 'lokal'; did you mean 'local'"),
-        ("local", -1, "workers is -1; it must be an integer of at least 0"),
-        ("local", 1.5, "workers is 1.5"),
-    ],
-)
-def test_a_bad_executor_is_named(name: str, workers: Any, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make_executor(name, workers)
-
-
-@pytest.mark.parametrize(("name", "module"), [("ray", "ray"), ("slurm", "submitit")])
-def test_a_missing_extra_says_how_to_get_it(name: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ModuleNotFoundError, match=rf"pip install 'sprl-bench\[{name}\]'"):
-        make_executor(name, 1)
 
 
 # What is told of them.

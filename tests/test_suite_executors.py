@@ -144,3 +144,23 @@ def test_slurm_cancels_what_is_under_way(submitit: FakeSubmitit) -> None:
     next(iter(results))
     results.close()  # type: ignore[attr-defined] # a generator
     assert [job.cancelled for job in submitit.jobs] == [False, True, True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("name", "workers", "message"),
+    [
+        ("lokal", 1, "Unknown executor 'lokal'; did you mean 'local'"),
+        ("local", -1, "workers is -1; it must be an integer of at least 0"),
+        ("local", 1.5, "workers is 1.5"),
+    ],
+)
+def test_a_bad_executor_is_named(name: str, workers: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_executor(name, workers)
+
+
+@pytest.mark.parametrize(("name", "module"), [("ray", "ray"), ("slurm", "submitit")])
+def test_a_missing_extra_says_how_to_get_it(name: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ModuleNotFoundError, match=rf"pip install 'sprl-bench\[{name}\]'"):
+        make_executor(name, 1)
