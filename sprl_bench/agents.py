@@ -23,6 +23,7 @@ __all__ = [
 ]  # fmt: skip
 
 GROUP = "sprl_bench.agents"
+SET_BY_THE_RUN = ("seed", "device")  # what every factory is given, so no hyperparameter
 
 Policy = Callable[[Any], Any]
 """Takes an observation of a single environment and returns an action for it."""
@@ -34,7 +35,8 @@ class Agent(Protocol):
     def train(self, envs: VectorEnv[Any, Any, Any], budget: int) -> Iterator[Mapping[str, float]]:
         """Train in `envs`, which arrive seeded, and yield metrics after each update.
 
-        The harness stops asking once `budget` environment steps are taken; a schedule may rely on that number.
+        The harness stops asking once `budget` environment steps are taken; a schedule may rely on that number. Metrics
+        called `env_steps` and `wall_time_s` are the harness's own: an agent's of that name are left out.
         """
         ...
 
@@ -140,7 +142,7 @@ def _keywords(factory: AgentFactory) -> dict[str, Any]:
     return {
         parameter.name: parameter.default
         for parameter in inspect.signature(factory).parameters.values()
-        if parameter.name not in ("seed", "device", "self")
+        if parameter.name not in (*SET_BY_THE_RUN, "self")
         and parameter.kind in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     }
 
@@ -153,7 +155,7 @@ def _from_signature(factory: AgentFactory) -> Callable[..., dict[str, Any]]:
     def resolve(_domain: str, overrides: dict[str, Any]) -> dict[str, Any]:
         """Return the defaults in the signature under the overrides, whatever the domain."""
         for name in overrides:
-            if name not in known and not takes_any:
+            if name in SET_BY_THE_RUN or (name not in known and not takes_any):
                 raise ValueError(unknown("hyperparameter", name, known))
         resolved = {**known, **overrides}
         missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]

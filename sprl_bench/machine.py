@@ -16,7 +16,7 @@ import psutil
 
 from sprl_bench.records import Hardware
 
-__all__ = ["git_commit", "hardware", "peak_memory_mib", "versions"]
+__all__ = ["computing", "git_commit", "hardware", "installed", "peak_memory_mib", "versions"]
 
 
 def versions() -> dict[str, str]:
@@ -30,6 +30,14 @@ def versions() -> dict[str, str]:
     found = {package.lower().replace("_", "-"): metadata.version(package) for package in packages}
     library = "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")
     return {"python": platform.python_version(), "platform": library, **dict(sorted(found.items()))}
+
+
+def installed(package: str) -> str | None:
+    """Return the version of a package that need not be loaded; None if it is not installed."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return None
 
 
 @functools.cache
@@ -75,6 +83,14 @@ def _cpu() -> str:
         re.search(r"^model name\s*:\s*(.+)$", information.read_text(), re.MULTILINE) if information.exists() else None
     )
     return named[1].strip() if named else platform.processor() or platform.machine()
+
+
+def computing() -> dict[str, str | int]:
+    """Return the device and the torch threads that this process computes with, as far as torch tells."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        return {"device": "cpu", "torch_threads": 1}
+    return {"device": "cuda" if torch.cuda.is_initialized() else "cpu", "torch_threads": torch.get_num_threads()}
 
 
 def _gpu() -> str | None:

@@ -7,6 +7,7 @@ they are used up. matplotlib is loaded when something is drawn.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ Dashes = Literal["-", "--", ":", "-."]
 DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
 COLUMNS = 4
 PANEL = (3.4, 2.7)  # inches
+TITLE_LETTERS = 44  # of a line above a panel
 UNDATED: Mapping[str, Mapping[str, None]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 STYLE: Final[Any] = {  # matplotlib keeps the type of the keys to itself
     "axes.spines.right": False,
@@ -109,7 +111,7 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
     figure = Figure(figsize=(columns * PANEL[0], rows * PANEL[1] + 0.4), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for (table, task), axes in zip(panels, grid.flat, strict=False):
-        axes.set_title(task if len(tables) == 1 else f"{table.suite}: {task}")
+        axes.set_title(textwrap.fill(task if len(tables) == 1 else f"{table.suite}: {task}", TITLE_LETTERS))
         agents = {row.agent for row in table.rows}
         runs = [run for run in results if (run.suite, run.task.name) == (table.suite, task) and run.agent in agents]
         _draw_panel(axes, runs, looks)
@@ -135,13 +137,19 @@ def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -
         curves = np.asarray([run.return_curve for run in runs if run.agent == agent])
         _draw_agent(axes, curves, runs[0].task.budget, looks[agent])
     if runs:
-        low, high = runs[0].task.score_range
+        low, high = _range(runs)
         axes.set_ylim(low - 0.02 * (high - low), high + 0.02 * (high - low))
         axes.set_xlim(0, runs[0].task.budget)
     axes.xaxis.set_major_formatter(_short_number)
     axes.set_xlabel("Environment steps")
     axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
     axes.set_axisbelow(True)
+
+
+def _range(runs: Sequence[Result]) -> tuple[float, float]:
+    """Return the range of one task's scores, made wider where returns leave it, as in a task of no suite they may."""
+    values = [value for run in runs for value in (*run.task.score_range, min(run.return_curve), max(run.return_curve))]
+    return min(values), max(values)
 
 
 def _draw_agent(axes: Axes, curves: metrics.Array, budget: int, look: Look) -> None:

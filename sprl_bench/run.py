@@ -157,7 +157,7 @@ class _Session:
         factory = load_factory(spec.source or spec.agent)
         opened.enter_context(_process_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
-        envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments)
+        envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
         state = self._saved_state()
@@ -183,10 +183,14 @@ class _Session:
         return self._agent.train(self._envs, self.spec.task.budget)
 
     def report(self, metrics: Mapping[str, float]) -> None:
-        """Append one line of diagnostics; a number that is not finite is written as null."""
+        """Append one line of diagnostics; a number that is not finite is written as null.
+
+        Steps and time are the harness's own: metrics of these names are left out.
+        """
         numbers = {name: float(value) for name, value in metrics.items()}
         finite = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
-        line = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3), **finite}
+        own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3)}
+        line = own | finite | own
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
 
@@ -232,10 +236,9 @@ class _Session:
         path = self._folder / CHECKPOINT
         if changed := differences(RunSpec.model_validate_json(state["spec"]), self.spec):
             raise CheckpointRefusedError(f"{path} is of another run: {'; '.join(changed)}.")
-        now, then = machine.versions(), state["versions"]
-        other = [
-            f"{name} {then[name]} then, {now[name]} now" for name in then if now.get(name, then[name]) != then[name]
-        ]
+        loaded, then = machine.versions(), state["versions"]
+        now = {name: loaded.get(name) or machine.installed(name) for name in then}  # some are loaded only later
+        other = [f"{name} {then[name]} then, {now[name]} now" for name in then if now[name] != then[name]]
         if other:
             raise CheckpointRefusedError(
                 f"{path} was made with {'; '.join(other)}: install what was there, or remove it to start over."

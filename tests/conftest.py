@@ -92,6 +92,18 @@ def grid_7x7() -> list[RunRecord]:
 
 
 @pytest.fixture
+def rising() -> list[RunRecord]:
+    """Five seeds whose scores all differ: those of one run, and those of one kind."""
+    runs = []
+    for seed in range(5):
+        curve, success = np.linspace(0, 0.2 + 0.15 * seed, 100) ** 2, np.linspace(0, 0.1 + 0.2 * seed, 100)
+        run = synthetic_record("rising", seed=seed, curve=curve)
+        scores = Scores.of(run.spec.task, curve.tolist(), success.tolist())
+        runs.append(run.model_copy(update={"success_curve": tuple(success.tolist()), "scores": scores}))
+    return runs
+
+
+@pytest.fixture
 def home(grid_7x7: list[RunRecord], tmp_path: Path) -> Path:
     """A folder of boards: that of grid-7x7 with an entry of each of the two agents."""
     about = {"authors": ["Ada L."], "link": "https://example.org/paper_1"}

@@ -30,6 +30,7 @@ ALLOWED = {
     "sprl_bench.tables": DATA,
     "sprl_bench.plots": DATA | {"sprl_bench.tables"},
     "sprl_bench.theory_plots": {"sprl_bench.envs", "sprl_bench.theory", "sprl_bench.plots"},
+    "sprl_bench.doctor": DATA | {"sprl_bench.envs", "sprl_bench.tables"},
     "sprl_bench.leaderboard": DATA | {"sprl_bench.tables"},
     "sprl_baselines": {"sprl_bench.agents", "sprl_bench.solver"},
 }

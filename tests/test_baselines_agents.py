@@ -230,9 +230,9 @@ def test_rewards_are_normalised_alone_or_with_the_bonus(kind: str, monkeypatch: 
         return update(self, rollout, training_rewards, remaining)
 
     monkeypatch.setattr(PPO, "update", spy)
-    agent = LearningAgentFactory("ones", OneEach, NoBonusConfig)(seed=0, **SMALL, reward_normalization=kind)
+    agent = LearningAgentFactory("ones", OneEach, NoBonusConfig)(seed=0, **SMALL, reward_normalization=kind, gamma=0.9)
     deviations = [report["reward_deviation"] for report in agent.train(grid_envs(), 20 * 128)]
-    alone, joint = (RewardNormalizer(4, agent.config.gamma, torch.device("cpu")) for _ in range(2))
+    alone, joint = (RewardNormalizer(4, 0.9, torch.device("cpu")) for _ in range(2))
     for (rewards, training_rewards, ended), deviation in zip(seen, deviations, strict=True):
         expected = {"none": rewards + 1, "extrinsic": alone(rewards, ended) + 1, "joint": joint(rewards + 1, ended)}
         assert torch.equal(training_rewards, expected[kind])
@@ -240,11 +240,63 @@ def test_rewards_are_normalised_alone_or_with_the_bonus(kind: str, monkeypatch: 
     assert (deviations[-1] == 1.0) == (kind == "none")
 
 
-def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
+@pytest.mark.parametrize("kind", ["extrinsic", "joint"])
+def test_a_run_with_normalised_rewards_resumes(kind: str) -> None:
+    first, second = (ppo(seed=0, **SMALL, reward_normalization=kind) for _ in range(2))
+    envs, later = grid_envs(), grid_envs()
+    run = first.train(envs, 3 * 128)
+    next(run)
+    second.load_state_dict(first.state_dict())
+    later.set_state(envs.get_state())  # type: ignore[attr-defined]
+    assert [dict(report) for report in run] == [dict(report) for report in second.train(later, 3 * 128)]
+    ours, theirs = (leaves(made.state_dict()["normalizer"]) for made in (first, second))
+    assert all(np.array_equal(*pair) for pair in zip(ours, theirs, strict=True))
+
+
+def test_a_rollout_is_priced_before_the_policy_and_the_bonus_learn_from_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    order = []
+
+    class Telling(NoBonus):
+        def reward(self, rollout: Rollout) -> Tensor:
+            order.append("reward")
+            return super().reward(rollout)
+
+        def update(self, rollout: Rollout) -> Mapping[str, float]:
+            order.append("bonus")
+            return super().update(rollout)
+
+    update = PPO.update
+    monkeypatch.setattr(PPO, "update", lambda *arguments: order.append("policy") or update(*arguments))  # type: ignore[func-returns-value]
+    list(LearningAgentFactory("telling", Telling, NoBonusConfig)(seed=0, **SMALL).train(grid_envs(), 256))
+    assert order == ["reward", "policy", "bonus"] * 2
+
+
+def test_every_source_of_chance_follows_from_the_seed_and_no_two_are_one() -> None:
+    seeds = []
+    for seed in (0, 1):
+        agent: Any = sprl(seed=seed, **SMALL)
+        next(agent.train(grid_envs(), 128))
+        drawing = (agent.learner, agent.bonus.reachability, agent._collector)
+        seeds += [made._generator.initial_seed() for made in drawing]
+    assert len(set(seeds)) == 6
+
+
+def pendulums() -> VectorEnv[Any, Any, Any]:
     envs = gymnasium.make_vec(
         "Pendulum-v1", num_envs=4, vectorization_mode="sync", vector_kwargs={"autoreset_mode": "SameStep"}
     )
     envs.reset(seed=0)
+    return envs
+
+
+def test_the_action_noise_of_the_settings_is_that_of_the_rollouts() -> None:
+    agent: Any = ppo(seed=0, **SMALL, mlp_layers=1, mlp_units=8, action_noise=0.3)
+    next(agent.train(pendulums(), 128))
+    assert agent._collector._action_noise == 0.3
+
+
+def test_flat_observations_and_continuous_actions_are_learned_from() -> None:
+    envs = pendulums()
     agent = ppo(seed=0, **SMALL, mlp_layers=1, mlp_units=8)
     reports = list(agent.train(envs, 256))
     assert len(reports) == 2

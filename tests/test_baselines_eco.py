@@ -93,9 +93,26 @@ def test_memory_goes_on_in_the_next_rollout() -> None:
 
 def test_a_full_memory_replaces_one_at_random() -> None:
     made = eco(memory_size=3)
-    walk(made, [10.0 * step for step in range(40)])
+    walk(made, [10.0 * step for step in range(60)])
     assert made._counts.tolist() == [3]
-    assert len(set(made._memory.flatten().tolist())) == 3
+    kept = sorted(made._memory.flatten().tolist())
+    assert kept[0] > 20.0  # no place is kept for ever: by chance, with a probability of (2/3)^57 each
+    assert kept != [570.0, 580.0, 590.0]  # nor does the oldest go: seed 0 decides
+
+
+class Onward:
+    """Every state leads to those that are not less."""
+
+    ready = True
+
+    def judge_of(self, states: Tensor) -> Any:
+        return lambda earlier, later: (states[later] >= states[earlier]).float().squeeze(-1)
+
+
+def test_it_asks_whether_the_remembered_state_leads_to_the_new_one() -> None:
+    made = eco()
+    made.reachability = Onward()  # type: ignore[assignment]
+    assert walk(made, [0, 5, -3]) == [-0.5, 0.5]
 
 
 def test_nothing_is_paid_or_remembered_before_the_network_is_ready() -> None:

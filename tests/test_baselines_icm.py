@@ -306,6 +306,12 @@ def test_the_inverse_model_learns_to_tell_actions(actions: Space[Any]) -> None:
 # -------------------------------------------------------------------------------------- wrong values
 
 
+def test_its_optimizer_is_as_its_settings_say() -> None:
+    made = icm(FLAT, DISCRETE, icm_learning_rate=0.02, icm_adam_epsilon=0.5)
+    [group] = made._optimizer.param_groups
+    assert (group["lr"], group["eps"]) == (0.02, 0.5)
+
+
 def test_more_minibatches_than_transitions_are_refused() -> None:
     with pytest.raises(ValueError, match=r"icm_minibatches=61 must be at most num_envs \* rollout_length, 60"):
         icm(FLAT, DISCRETE, icm_minibatches=61).update(drawn_rollout(FLAT, DISCRETE))

@@ -191,10 +191,10 @@ def plain_update(ppo: PPO, rollout: Rollout, rewards: Tensor) -> None:
             optimizer.step()
 
 
-@pytest.mark.parametrize("repeats", [True, False])
-def test_an_update_equals_a_plain_one(repeats: bool) -> None:
+@pytest.mark.parametrize(("repeats", "discounts"), [(True, {}), (False, {}), (True, {"gamma": 0.9, "gae_lambda": 0.5})])
+def test_an_update_equals_a_plain_one(repeats: bool, discounts: dict[str, float]) -> None:
     rollout = made_up_rollout(repeats=repeats)
-    ours, plain = learner(learning_rate=1e-3), learner(learning_rate=1e-3)
+    ours, plain = (learner(learning_rate=1e-3, **discounts) for _ in range(2))
     plain_update(plain, rollout, rollout.rewards)
     ours.update(rollout, rollout.rewards)
     for mine, theirs in zip(ours.network.parameters(), plain.network.parameters(), strict=True):

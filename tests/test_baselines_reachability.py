@@ -363,6 +363,64 @@ def test_a_resumed_network_learns_on_exactly() -> None:
     assert all(torch.equal(*pair) for pair in parameters)
 
 
+def test_a_network_resumed_between_two_trainings_goes_on_exactly() -> None:
+    """Its schedule, what came in since the last training, and the accuracies that it waits for."""
+    settings = {"replay_size": 2000, "train_every": 500, "ready_trainings": 2, "ready_accuracy": 0.0}
+    first, second = learner(**settings), learner(**settings)
+    for index in range(7):
+        first.update(walk_along_a_line(100, 2, start=100 * index))
+    assert (len(first._accuracies), first._fresh_rows) == (1, 100)
+    second.load_state_dict(first.state_dict())
+    reports = [
+        [made.update(walk_along_a_line(100, 2, start=100 * index)) for index in range(7, 12)]
+        for made in (first, second)
+    ]
+    assert reports[0] == reports[1]
+    assert [bool(report) for report in reports[0]] == [False, True, False, False, True]
+    assert first.ready
+    assert second.ready
+
+
+def test_accuracy_is_measured_on_what_no_training_has_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the rows since the last training, before the next one, in the bands of appendix B.1."""
+    learned = learner(tolerance=2)
+    measured, steps_taken = [], []
+
+    def gradient_steps() -> int:
+        return max((int(moment["step"]) for moment in learned._optimizer.state.values()), default=0)
+
+    def spy(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Any:
+        oldest = round(10 * float(learned._replay.take(segments.starts.min()[None])))
+        measured.append((oldest, int(segments.lengths.sum()), ranges, count, gradient_steps()))
+        return scatter(segments, ranges, count, generator)
+
+    monkeypatch.setattr("sprl_baselines.reachability.learned.scatter", spy)
+    for index in range(4):
+        learned.update(walk_along_a_line(100, 2, start=100 * index))
+        steps_taken.append(gradient_steps())
+    band = accuracy_ranges(2, 2, 20)
+    assert measured == [
+        (0, 400, band, 15_000, 0),
+        (200, 200, band, 15_000, steps_taken[1]),
+        (300, 200, band, 15_000, steps_taken[2]),
+    ]
+
+
+@pytest.mark.parametrize("negatives", ["episode", "narrow", "double"])
+def test_training_draws_as_its_settings_say(negatives: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    learned = learner(k=4, tolerance=3, negative_bias=6, positive_bias=3, negatives=negatives, max_pairs=40)
+    asked = []
+
+    def spy(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Any:
+        asked.append((ranges, positive_bias))
+        return walk(segments, ranges, positive_bias, generator)
+
+    monkeypatch.setattr("sprl_baselines.reachability.learned.walk", spy)
+    learned.update(walk_along_a_line(100, 2))
+    assert len(learned._draw().anchors) == 20
+    assert asked == [(training_ranges(4, 6, negatives), 3)]
+
+
 def test_learning_on_leaves_a_loaded_state_as_it_was() -> None:
     first, second = learner(), learner()
     for index in range(3):

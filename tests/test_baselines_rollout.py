@@ -194,7 +194,12 @@ def test_action_noise_reaches_the_env_but_not_the_rollout() -> None:
     rollout = made.collect(held_still)
     assert not rollout.actions.any()
     assert np.std(env.received) == pytest.approx(0.25, rel=0.15)
-    assert np.max(np.abs(env.received)) <= 1
+
+
+def test_what_noise_makes_too_large_is_clipped() -> None:
+    made, env = noisy(seed=0, noise=5.0)
+    made.collect(held_still)
+    assert (np.min(env.received), np.max(env.received)) == (-1.0, 1.0)
 
 
 def test_action_noise_is_a_function_of_its_seed_and_goes_on_where_it_was_saved() -> None:

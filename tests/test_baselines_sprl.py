@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -64,6 +65,69 @@ def test_votes_are_counted_as_far_as_the_verdict_needs(
         truth = sum(bool(reached[row, length]) for length in lengths.tolist() if length <= run)
         assert (votes[row] >= needed) == (truth >= needed)
         assert votes[row] <= truth
+
+
+# --------------------------------------------------------------------------- a line and a made-up judge
+
+LINE = spaces.Box(-1e6, 1e6, (1,), np.float32)
+
+
+class Constant:
+    """Every state leads to every other with one probability."""
+
+    ready, privileged = True, False
+
+    def __init__(self, likely: float) -> None:
+        self._likely = likely
+
+    def judge_of(self, states: Tensor) -> Any:
+        return lambda earlier, later: torch.full(earlier.shape, self._likely)
+
+    def update(self, rollout: Rollout) -> dict[str, float]:
+        return {}
+
+
+def on_a_line(likely: float, bias: float) -> SPRL:
+    config = ConstraintConfig(k=2, tolerance_samples=1, cost_scale=1.0, bias=bias)
+    return SPRL(Setting(LINE, spaces.Discrete(2), 1, seed=0, device=CPU), config, Constant(likely))  # type: ignore[arg-type]
+
+
+def line_rollout(steps: int, **changes: Tensor) -> Rollout:
+    states, nothing = torch.arange(steps + 1.0).view(-1, 1, 1), torch.zeros(steps, 1, dtype=torch.bool)
+    rollout = Rollout(
+        observations=states[:-1],
+        actions=torch.zeros(steps, 1),
+        rewards=torch.zeros(steps, 1),
+        terminated=nothing,
+        truncated=nothing,
+        values=torch.zeros(steps, 1),
+        log_probs=torch.zeros(steps, 1),
+        last_observations=states[-1],
+        final_observations=torch.zeros(0, 1),
+        positions=torch.zeros(steps, 1, 0),
+        next_positions=torch.zeros(steps, 1, 0),
+    )
+    return replace(rollout, **changes)
+
+
+@pytest.mark.parametrize(("likely", "expected"), [(0.4, EARLY), (0.6, PAID)])
+def test_more_than_a_half_is_a_yes(likely: float, expected: float) -> None:
+    bonus = on_a_line(likely, bias=0.25)
+    rollout = line_rollout(4)
+    assert bonus.reward(rollout).squeeze(1).tolist() == [EARLY, EARLY, expected, expected]
+    assert bonus.update(rollout) == {"violations": 0.5 * (expected == PAID)}
+
+
+@pytest.mark.parametrize(
+    ("field", "sign"), [("terminated", 1.0), ("truncated", 1.0), ("rewards", 1.0), ("rewards", -1.0)]
+)
+def test_nothing_is_compared_across_an_ending_or_a_reward_of_either_sign(field: str, sign: float) -> None:
+    """Where a map is new in each episode nothing could be reached anyway; a network might say otherwise."""
+    at = torch.zeros(8, 1)
+    at[4] = sign
+    change = at if field == "rewards" else at.bool()
+    charged = -on_a_line(1.0, bias=0.0).reward(line_rollout(8, **{field: change}))
+    assert charged.squeeze(1).tolist() == [0, 0, 1, 1, 0, 0, 0, 1]
 
 
 # ---------------------------------------------------------------------------------- hand-made walks

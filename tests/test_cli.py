@@ -362,7 +362,7 @@ RUN = ["run", "--suite", "smoke", "--budget", "600", "--workers", "1", "--device
 
 def test_a_suite_from_the_command_to_the_table(capsys: Capture, tmp_path: Path, fakes: None) -> None:
     """One command trains, shows the table and tells what is next; again, it skips what is finished."""
-    out = tmp_path / "runs"
+    out = tmp_path / "my runs"
     command = [*RUN, "--agents", "random,harness_fakes:broken", "--seeds", "1", "--out", out]
     status, printed, err = call(capsys, *command)
     assert status == 1
@@ -370,7 +370,7 @@ def test_a_suite_from_the_command_to_the_table(capsys: Capture, tmp_path: Path, 
     assert "broken † ‡" in printed
     assert "1 run is missing: FourRooms-7x7-600/broken/seed-0." in printed
     assert f"Records: {out}/custom/*/*/seed-*/record.json" in printed
-    assert f"sprl-bench table {out}" in printed
+    assert f"sprl-bench table '{out}'" in printed
     assert "seed-0: ZeroDivisionError: the agent divided by zero" in err
     assert "1 of 2 runs failed" in err
     assert "Traceback" not in err

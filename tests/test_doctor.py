@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from sprl_bench.cli import doctoring, main, probing
-from sprl_bench.cli.doctoring import examine, pinned_versions
+from sprl_bench import doctor
+from sprl_bench.cli import main
+from sprl_bench.doctor import examine, pinned_versions, probing
 
 Capture = pytest.CaptureFixture[str]
 SOUND: dict[str, dict[str, Any]] = {
@@ -42,7 +43,7 @@ def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: p
     pins = pinned_versions()
     assert {"gymnasium", "minigrid", "numba", "numpy", "torch"} <= pins.keys()
     assert {finding.subject for finding in examine()} >= {"python", "numpy", "torch", "[baselines]", "[plots]"}
-    monkeypatch.setattr("sprl_bench.cli.doctoring.pinned_versions", lambda: {**pins, "numpy": "0.1"})
+    monkeypatch.setattr("sprl_bench.doctor.pinned_versions", lambda: {**pins, "numpy": "0.1"})
     status, out = call(capsys)
     assert status == 0
     assert "! numpy" in out
@@ -51,7 +52,7 @@ def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: p
 
 
 def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(doctoring, "__file__", str(tmp_path / "sprl_bench" / "cli" / "doctoring.py"))
+    monkeypatch.setattr(doctor, "__file__", str(tmp_path / "sprl_bench" / "doctor" / "__init__.py"))
     assert pinned_versions() == {}
     status, out = call(capsys)
     assert status == 0
@@ -103,7 +104,7 @@ def test_the_probes_answer_on_this_machine() -> None:
     pytest.importorskip("mujoco")
     pytest.importorskip("gymnasium_robotics")
     pytest.importorskip("torch")
-    command = [sys.executable, "-m", "sprl_bench.cli.probing"]
+    command = [sys.executable, "-m", "sprl_bench.doctor.probing"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = probing._parse(f"a banner\n{done.stdout}")
     assert found.keys() == SOUND.keys()

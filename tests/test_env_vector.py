@@ -72,14 +72,16 @@ def test_what_the_user_does_to_returned_arrays_changes_nothing() -> None:
             array[...] = 1
 
 
-def test_without_copies_the_same_array_is_returned_each_time() -> None:
+def test_without_copies_the_same_memory_is_returned_each_time() -> None:
+    """Nobody can write to it: the engine would go on from what was written, and not the single environment."""
     envs, copying = engine(copy=False), engine()
     rng = np.random.default_rng(0)
     first = envs.reset(seed=0)[0]
     for _ in range(120):
         actions = rng.integers(7, size=4)
         result = envs.step(actions)
-        assert result[0] is first
+        assert np.shares_memory(result[0], first)
+        assert not result[0].flags.writeable
         assert_same(result, copying.step(actions))
 
 
@@ -226,6 +228,14 @@ def test_a_state_keeps_seeds_of_any_size(seed: int) -> None:
     assert other.np_random_seed == (seed, seed + 1)
 
 
+def test_a_state_of_another_task_is_refused() -> None:
+    """Its arrays have the same names and shapes."""
+    doors, rooms = (gymnasium.make_vec(f"SPRL/{name}-7x7-v1", 2) for name in ("KeyDoors", "FourRooms"))
+    doors.reset(seed=0)
+    with pytest.raises(ValueError, match=r"state\['kind'\] is not that of this engine, FourRooms7x7"):
+        rooms.set_state(doors.get_state())
+
+
 def changed(name: str, index: Any, value: Any) -> Any:
     """Return a function that gives a state with one entry changed."""
 
@@ -247,6 +257,7 @@ BROKEN_STATES = {
     "a list of seeds": lambda state: {**state, "seeds": [[0, 0]] * 4},
     "a seed": lambda state: {**state, "seeds": 0},
     "ended under SameStep": changed("ended", 2, True),
+    "another task": changed("kind", 0, 7),
     "two agents": changed("observations", (1, slice(1, 3), slice(1, 3), 0), 10),
     "an agent drawn otherwise": lambda state: {**state, "agents": (state["agents"] + (0, 0, 1)) % (9, 9, 4)},
     "standing on a key": changed("beneath", (3, 0), 5),

@@ -98,10 +98,11 @@ def test_the_specs_serialise_and_the_module_form_works_in_other_processes() -> N
         ({"terminate_on_goal": 1}, "terminate_on_goal must be True or False, got 1"),
         ({"observation": "Goal"}, "observation must be one of 'flat', 'goal', got 'Goal'. Did you mean 'goal'?"),
         ({"render_mode": "rgb"}, "render_mode must be one of None, 'human', 'rgb_array', got 'rgb'"),
-        ({"n_substeps": 3}, "no argument 'n_substeps' (got n_substeps=3). Did you mean 'substep'?"),
-        ({"frame_skip": 3}, "no argument 'frame_skip' (got frame_skip=3). Did you mean 'substep'?"),
+        ({"n_substeps": 3}, "no argument 'n_substeps' (got n_substeps=3); it takes action_noise, observation, "),
+        ({"frame_skip": 3}, "terminate_on_goal. Did you mean 'substep'?"),
         ({"sub_step": 3}, "Did you mean 'substep'?"),
-        ({"noise": 3}, "it takes action_noise, observation, render_mode, substep, terminate_on_goal."),
+        ({"noise": 3}, "terminate_on_goal. Did you mean 'action_noise'?"),
+        ({"gravity": 3}, "it takes action_noise, observation, render_mode, substep, terminate_on_goal."),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.*The environment is being initialised with render_mode")

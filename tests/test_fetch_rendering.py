@@ -87,13 +87,35 @@ def test_an_engine_draws_what_the_single_environments_draw() -> None:
 def test_without_a_display_pictures_are_drawn_quietly() -> None:
     code = (
         "import gymnasium, sprl_bench; env = gymnasium.make('SPRL/FetchReachSparse-v1', render_mode='rgb_array');"
-        "env.reset(seed=0); print(env.render().shape); env.close()"
+        "env.reset(seed=0); print(env.render().shape); env.close();"
+        "import os; print(os.environ.get('MUJOCO_GL'))"
     )
     unwanted = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
     environment = {name: value for name, value in os.environ.items() if name not in unwanted}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout.split("\n")[0] == "(480, 480, 3)"
+    assert done.stdout.split("\n")[:2] == ["(480, 480, 3)", "None"]
     assert "Traceback" not in done.stderr
+
+
+def test_a_machine_that_cannot_draw_keeps_its_environment_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else no process that it starts could load MuJoCo, which looks for what the variable names."""
+    from gymnasium.envs.mujoco import mujoco_rendering
+
+    tried: list[str | None] = []
+
+    def render(*_: Any) -> None:
+        tried.append(os.environ.get("MUJOCO_GL"))
+        raise RuntimeError("no context")
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(mujoco_rendering.MujocoRenderer, "render", render)
+    env = make("Reach")
+    env.reset(seed=0)
+    with pytest.raises(RuntimeError, match="no context"):
+        env.render()
+    assert tried == ["egl", None]
+    assert "MUJOCO_GL" not in os.environ
 
 
 @pytest.mark.skipif(shutil.which("xvfb-run") is None and not ON_CI, reason="needs xvfb")

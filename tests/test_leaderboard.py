@@ -16,7 +16,7 @@ import pytest
 from sprl_bench import leaderboard
 from sprl_bench.leaderboard import Entry
 from sprl_bench.records import Hardware, InvalidFileError, RunRecord, Scores, TaskSpec
-from sprl_bench.tables import FORMATS, IncomparableError, MissingRunsError, render
+from sprl_bench.tables import FORMATS, SCORED_PACKAGES, IncomparableError, MissingRunsError, render
 
 MakeRecord = Callable[..., RunRecord]
 Make = Callable[..., Entry]
@@ -124,6 +124,13 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
         changed = last.model_copy(update={"spec": last.spec.model_copy(update={field: value})})
         with pytest.raises(IncomparableError, match=told):
             make_entry([*runs()[:4], changed])
+
+
+@pytest.mark.parametrize("package", SCORED_PACKAGES)
+def test_what_a_score_depends_on_has_one_version(make_record: MakeRecord, package: str) -> None:
+    runs = [make_record(seed=seed, versions={**VERSIONS, package: f"0.{min(seed, 1)}"}) for seed in range(5)]
+    with pytest.raises(IncomparableError, match=f"version of {package}"):
+        make_entry(runs)
 
 
 def test_what_no_score_depends_on_may_differ_and_is_kept(make_record: MakeRecord) -> None:
@@ -402,7 +409,6 @@ def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkey
     from sprl_bench.leaderboard import published
 
     monkeypatch.setattr(published, "home", lambda: home)
-    (home / "schema.json").write_text("{}")
     for name in (Path("grid-7x7"), home / "grid-7x7"):
         assert [entry.agent for entry in leaderboard.find_board(name)] == ["ppo", "random"]
     assert [entry.agent for entry in leaderboard.find_board(home / "grid-7x7" / "ppo.json")] == ["ppo"]

@@ -157,3 +157,17 @@ def test_comparisons_are_rendered(form: str, home: Path, grid_7x7: list[RunRecor
             assert part in text
     with pytest.raises(ValueError, match="Unknown format 'csv'"):
         leaderboard.render_comparisons(compared, "csv")
+
+
+def test_comparisons_and_boards_go_by_auc(rising: list[RunRecord], make_record: MakeRecord) -> None:
+    """And not by what an agent comes to in the end."""
+    late = [make_record("late", seed=seed, curve=[0.0] * 80 + [0.9 + 0.01 * seed] * 20) for seed in range(5)]
+    early = [make_record("early", seed=seed, curve=[0.4 + 0.01 * seed] * 99 + [0.5]) for seed in range(5)]
+    entries = [
+        leaderboard.make_entry(late + early, agent=agent, authors=["Ada L."], link="https://example.org/paper_1")
+        for agent in ("late", "early")
+    ]
+    assert [row.agent for row in leaderboard.board(entries).rows] == ["early", "late"]
+    [one] = leaderboard.compare(rising, entries[:1])
+    ours, theirs = (sum(run.scores.auc for run in runs) / 5 for runs in (rising, late))
+    assert one.overall.difference == pytest.approx(ours - theirs)

@@ -191,6 +191,16 @@ def test_the_two_sides_of_a_difference_are_resampled_independently() -> None:
     assert interval.low < 0.0 < interval.high
 
 
+def test_an_interval_of_a_difference_by_enumeration() -> None:
+    """Of 16 coins, as in the band below, on either side; and two tasks that would cancel if whole rows were drawn."""
+    coins, fixed = np.repeat([[0.0], [1.0]], 8, axis=0), np.zeros((8, 1))
+    generator = np.random.default_rng
+    assert metrics.difference_interval(coins, fixed, generator(0)) == metrics.Interval(0.25, 0.75)
+    assert metrics.difference_interval(fixed, coins, generator(0)) == metrics.Interval(-0.75, -0.25)
+    opposite = np.asarray([[0.0, 1.0], [1.0, 0.0]])
+    assert metrics.difference_interval(np.zeros((2, 2)), opposite, generator(0)) == metrics.Interval(-1.0, 0.0)
+
+
 def test_a_band_holds_the_mean_curve_and_resamples_whole_runs() -> None:
     curves = np.random.default_rng(8).random((5, 100))
     band = metrics.curve_band(curves, np.random.default_rng(9))

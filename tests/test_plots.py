@@ -42,6 +42,15 @@ def test_there_is_a_panel_a_task_and_a_line_an_agent(grid_7x7: list[RunRecord]) 
     assert [text.get_text() for text in legend.get_texts()] == ["ppo (5 seeds)", "random (5 seeds)"]
 
 
+def test_returns_outside_the_range_are_shown_too(make_record: MakeRecord) -> None:
+    """A task of no suite may have any."""
+    records = [make_record(seed=seed, curve=[20.0] * 100) for seed in range(2)]
+    figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])
+    low, high = figure.axes[0].get_ylim()
+    assert low < 0
+    assert high > 20
+
+
 def test_only_the_tables_agents_are_drawn(grid_7x7: list[RunRecord]) -> None:
     figure = plots.draw_curves(tabulate(grid_7x7, agents=["ppo"]), [Result.of(record) for record in grid_7x7])
     assert [len(axes.get_lines()) for axes in figure.axes] == [1, 1]

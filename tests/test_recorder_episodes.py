@@ -232,6 +232,15 @@ def test_rewards_that_are_not_finite_are_refused() -> None:
         log.step(np.array([math.nan]), np.array([True]), np.array([False]))
 
 
+def test_what_rounding_took_is_part_of_the_state() -> None:
+    log, later = EpisodeLog(1, 10**6), EpisodeLog(1, 10**6)
+    for reward in (1e16, 1.0, 1.0):
+        log.step(np.array([reward]), np.array([False]), np.array([False]))
+    later.load_state_dict(log.state_dict())
+    later.step(np.array([-1e16]), np.array([True]), np.array([False]))
+    assert later.episodes["return"].tolist() == [2.0]
+
+
 def test_returns_lose_nothing_to_rounding() -> None:
     log, rewards = EpisodeLog(1, 10**6), [1e16, 1.0, 1.0, 1.0, -1e16, 0.1, 0.2]
     for index, reward in enumerate(rewards):

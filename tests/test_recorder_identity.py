@@ -116,6 +116,11 @@ def test_a_vector_environment_says_when_it_resets() -> None:
         identify(envs)
 
 
+def test_another_value_of_an_argument_that_the_id_fixes_is_seen(scripted_id: str) -> None:
+    other = gymnasium.make(scripted_id, episodes=[([9.0], True)])
+    assert identify(other) != identify(gymnasium.make(scripted_id))
+
+
 def test_a_wrapper_of_the_id_itself_is_part_of_it() -> None:
     own = (wrappers.TransformReward.wrapper_spec(func=np.sign),)
     gymnasium.register("Test/Wrapped-v0", "gymnasium.envs.classic_control:CartPoleEnv", additional_wrappers=own)
@@ -139,6 +144,22 @@ def test_a_default_given_explicitly_changes_nothing(
     other = identify(gymnasium.make(scripted_id, substep=3))
     with pytest.raises(ValueError, match=r"No suite has a task Test/Scripted-v0, substep=3:"):
         choose_task(other, None, None)
+
+
+def test_a_default_given_explicitly_makes_no_task_of_its_own() -> None:
+    reach = {"terminate_on_goal": True, "substep": 20}
+    tasks = [
+        choose_task(Identity("SPRL/FetchReachSparse-v1", arguments, reach), None, 500)[1]
+        for arguments in ({"substep": 100}, {"substep": 100, "terminate_on_goal": True})
+    ]
+    assert tasks[0] == tasks[1]
+
+
+def test_what_only_shows_our_tasks_may_change_those_of_others(scripted_id: str) -> None:
+    spec = gymnasium.registry[scripted_id]
+    for name in ("observation", "copy"):
+        assert identity._identity(spec, {name: "pixels"}).arguments == {name: "pixels"}
+        assert identity._identity(gymnasium.registry[ID], {name: "pixels"}).arguments == {}
 
 
 def test_the_first_suite_is_taken_or_the_one_that_is_named() -> None:

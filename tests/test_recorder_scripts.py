@@ -9,11 +9,13 @@ import pickle
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import SyncVectorEnv
 
 import sprl_bench
@@ -32,7 +34,7 @@ def make() -> gymnasium.Env[Any, Any]:
 
 def play(env: gymnasium.Env[Any, Any], steps: int, seed: int | None = 0) -> None:
     """Act at random, and reset when an episode is over."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(seed or 0)
     env.reset(seed=seed)
     for _ in range(steps):
         *_, terminated, truncated, _ = env.step(int(generator.integers(3)))
@@ -188,6 +190,61 @@ def test_an_environment_that_was_only_looked_at_is_no_member(tmp_path: Path) -> 
     assert only_record(tmp_path).totals.env_steps == 10
 
 
+def test_what_is_made_after_the_record_is_not_recorded(tmp_path: Path) -> None:
+    """A script may well end with an evaluation."""
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=100):
+        play(gymnasium.make(ID), 100)
+        with pytest.warns(UserWarning, match="seed-0 has its record by now, so a further environment is not recorded"):
+            play(gymnasium.make(ID), 50)
+    assert only_record(tmp_path).totals.env_steps == 100
+
+
+def test_a_record_says_what_torch_computed_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch = SimpleNamespace(
+        get_num_threads=lambda: 3,
+        cuda=SimpleNamespace(is_initialized=lambda: True, get_device_name=lambda: "made up"),
+    )
+    monkeypatch.setitem(sys.modules, "torch", torch)
+    play(sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, budget=50), 50)
+    spec = only_record(tmp_path).spec
+    assert (spec.device, spec.torch_threads) == ("cuda", 3)
+
+
+def test_numbers_may_be_numpys(tmp_path: Path) -> None:
+    env = gymnasium.make("SPRL/FetchReachSparse-v1", substep=np.int64(5), action_noise=np.float32(0.5))
+    recorded = sprl_bench.record(env, out=tmp_path, agent="mine", seed=np.int64(2), budget=np.int64(3))
+    recorded.reset()
+    for _ in range(3):
+        recorded.step(np.zeros(4))
+    spec = only_record(tmp_path).spec
+    assert (spec.seed, spec.task.budget, spec.task.arguments) == (2, 3, {"substep": 5, "action_noise": 0.5})
+
+
+def test_a_range_of_scores_goes_with_a_task_of_no_suite(tmp_path: Path) -> None:
+    env = gymnasium.make("CartPole-v1")
+    env = sprl_bench.record(env, out=tmp_path, agent="mine", seed=0, budget=60, score_range=(0, 500))
+    env.reset(seed=0)
+    for _ in range(60):
+        if any(env.step(0)[2:4]):
+            env.reset()
+    record = only_record(tmp_path)
+    assert record.spec.task.score_range == (0.0, 500.0)
+    assert record.scores.steps_to_threshold is None
+    with pytest.raises(ValueError, match=r"score_range is \(0, 2\), but that of FourRooms-7x7 is \(0\.0, 1\.0\)"):
+        sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, score_range=(0, 2))
+
+
+def test_two_ways_to_one_folder_are_one(tmp_path: Path) -> None:
+    ways = (tmp_path / "runs", tmp_path / "runs" / ".." / "runs")
+    envs = [sprl_bench.record(make(), out=way, agent="mine", seed=0, budget=400) for way in ways]
+    for env in envs:
+        env.reset()
+    for env in envs * 200:
+        if any(env.step(0)[2:4]):
+            env.reset()
+    assert only_record(tmp_path).spec.num_envs == 2
+
+
 def test_an_environment_that_was_closed_before_its_first_step_is_not_counted(tmp_path: Path) -> None:
     with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=400):
         gymnasium.make_vec(ID, 3).close()
@@ -230,12 +287,47 @@ def test_an_environment_that_is_closed_before_the_others_fails_in_its_episode(tm
     for env in (first, second) * 3:
         env.step(0)
     first.close()
-    play(second, 394)
+    play(second, 394, seed=None)
     record = only_record(tmp_path)
     assert (record.status, record.spec.num_envs) == ("complete", 2)
     assert [column[0] for column in (episodes(tmp_path)[name] for name in ("stamp", "env", "length", "success"))] == [
         5, 0, 3, False,
     ]  # fmt: skip
+
+
+def test_a_seed_goes_with_the_first_reset_alone(tmp_path: Path) -> None:
+    """Else a script that seeds each reset would be scored on one layout."""
+    env = sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, budget=400)
+    env.reset(seed=3)
+    env.reset(seed=7)
+    env.step(0)
+    with pytest.raises(ValueError, match=r"^seed is 7, but recorded steps have been taken"):
+        env.reset(seed=7)
+    play(env, 399, seed=None)
+    env.reset(seed=7)
+    assert only_record(tmp_path).status == "complete"
+
+
+@pytest.mark.parametrize("seed", [5, [None, 5]])
+def test_no_sub_environment_is_seeded_again(tmp_path: Path, seed: Any) -> None:
+    envs = sprl_bench.record(gymnasium.make_vec(ID, 2), out=tmp_path, agent="mine", seed=0, budget=400)
+    envs.reset(seed=seed)
+    envs.step(np.zeros(2, np.int64))
+    envs.reset(seed=[None, None])
+    with pytest.raises(ValueError, match="recorded steps have been taken"):
+        envs.reset(seed=seed)
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_recording_begins_with_a_reset(tmp_path: Path, vector: bool) -> None:
+    env: Any = gymnasium.make_vec(ID, 2) if vector else make()
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    recorded = sprl_bench.record(env, out=tmp_path, agent="mine", seed=0, budget=400)
+    with pytest.raises(ResetNeeded, match=r"must be reset\(\) before its first step"):
+        recorded.step(env.action_space.sample())
+    recorded.reset()
+    recorded.step(env.action_space.sample())
 
 
 def test_environments_are_numbered_among_those_that_took_a_step(tmp_path: Path) -> None:

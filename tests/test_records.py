@@ -199,6 +199,19 @@ def test_writing_replaces_all_or_nothing(
     assert list(written.parent.iterdir()) == [written]
 
 
+def test_a_link_and_a_pipe_stay_what_they_are(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    records.write_bytes(tmp_path / "link", b"one")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "file").read_bytes() == b"one"
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    records.write_bytes(tmp_path / "pipe", b"two")
+    assert os.read(reader, 9) == b"two"
+    os.close(reader)
+    assert (tmp_path / "pipe").is_fifo()
+
+
 def test_files_are_as_readable_as_the_umask_says(written: Path) -> None:
     other = written.parent / "other"
     other.touch()

@@ -104,13 +104,15 @@ def test_a_run_writes_its_record_episodes_and_metrics(uninterrupted: Path) -> No
     assert record.peak_memory_mib > 10
 
 
-def test_the_record_is_what_the_environment_gave(uninterrupted: Path) -> None:
+@pytest.mark.parametrize("seed", [0, 3])
+def test_the_record_is_what_the_environment_gave(tmp_path: Path, seed: int) -> None:
     """Replay the agent's actions in a vector environment of one's own, and count in plain Python."""
-    spec = make_spec()
+    spec = make_spec(seed=seed)
+    run(spec, tmp_path)
     envs = make_envs(spec.task.env_id, 3, {})
     envs.reset(seed=env_seed(spec))
     envs.reset()
-    generator, returns, expected = np.random.default_rng(0), [0.0] * 3, []
+    generator, returns, expected = np.random.default_rng(seed), [0.0] * 3, []
     for step in range(BUDGET // 3 + 1):
         _, rewards, terminated, truncated, _ = envs.step(generator.integers(3, size=3))
         for index in range(3):
@@ -118,7 +120,7 @@ def test_the_record_is_what_the_environment_gave(uninterrupted: Path) -> None:
             if terminated[index] or truncated[index]:
                 expected.append((step * 3 + index + 1, returns[index], bool(terminated[index])))
                 returns[index] = 0.0
-    table = episodes(uninterrupted)
+    table = episodes(spec.path(tmp_path))
     found = list(zip(table["stamp"], table["return"], table["success"], strict=True))
     assert found == [row for row in expected if row[0] <= BUDGET]
 
@@ -280,6 +282,22 @@ def test_a_checkpoint_of_other_versions_is_refused(tmp_path: Path, monkeypatch: 
     with pytest.raises(CheckpointRefusedError, match=f"numpy {versions['numpy']} then, 9.9 now"):
         run(make_spec(), tmp_path)
     assert path.read_bytes() == before
+
+
+def test_a_package_that_is_loaded_later_is_looked_at_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    interrupted(make_spec(), tmp_path)
+    loaded = {name: version for name, version in machine.versions().items() if name != "numpy"}
+    monkeypatch.setattr(machine, "versions", lambda: loaded)
+    monkeypatch.setattr(machine, "installed", {"numpy": "9.9"}.get)
+    with pytest.raises(CheckpointRefusedError, match=r"numpy \S+ then, 9\.9 now"):
+        run(make_spec(), tmp_path)
+
+
+def test_steps_and_time_are_the_harness_s_own(tmp_path: Path) -> None:
+    spec = make_spec(trouble="boast", budget=60)
+    run(spec, tmp_path)
+    (line,) = lines(spec.path(tmp_path))
+    assert line["env_steps"] == 60
 
 
 def test_a_checkpoint_of_another_run_is_refused(tmp_path: Path) -> None:

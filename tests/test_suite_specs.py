@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sprl_bench.suite import devices, expand, require_device
@@ -46,6 +47,10 @@ def test_an_agent_with_another_preset_is_an_agent_of_its_own() -> None:
     assert (spec.agent, spec.hyperparameters) == ("sprl", ablation.hyperparameters)
     (spec,) = expand(SMOKE, ["sprl@ablation"], [0], overrides={"k": 3})
     assert spec.hyperparameters == {**ablation.hyperparameters, "k": 3}
+
+
+def test_seeds_may_be_numpys() -> None:
+    assert [spec.seed for spec in expand(SMOKE, [WALKER], np.arange(2))] == [0, 1]
 
 
 def test_expand_takes_some_tasks_only() -> None:
@@ -128,6 +133,7 @@ def test_privileged_agents_are_marked() -> None:
         ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),
         ({"overrides": {"num_envs": 0}}, "num_envs: "),
         ({"overrides": {"num_envs": 2.5}}, "num_envs: "),
+        ({"agents": ["harness_fakes:anything"], "overrides": {"seed": 3}}, "Unknown hyperparameter 'seed'"),
         ({"budget": 0}, "task.budget: |budget"),
         ({"torch_threads": 0}, "torch_threads: "),
         ({"device": "gpu"}, "device is 'gpu'; allowed are auto, cpu, cuda and cuda:N"),

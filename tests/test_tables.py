@@ -25,6 +25,7 @@ from sprl_bench.tables import (
     tabulate,
 )
 from sprl_bench.tables.grid import number
+from sprl_bench.tables.render import interval_text
 
 MakeRecord = Callable[..., RunRecord]
 FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
@@ -383,3 +384,20 @@ def test_a_budget_that_is_not_the_suites_is_said_aloud(make_record: MakeRecord) 
     ]
     notes = check_comparable([Result.of(make_record(suite_version=7))])
     assert notes == ["Version 7 of the suite; the one installed is 1."]
+
+
+def test_each_column_holds_its_own_figure(rising: list[RunRecord]) -> None:
+    [table] = tabulate(rising)
+    [row] = table.rows
+    [cell] = row.cells
+    for name in ("auc", "final", "success_auc", "success_final"):
+        mean = np.mean([getattr(record.scores, name) for record in rising])
+        assert getattr(row, name).value == getattr(cell, name).value == pytest.approx(mean)
+    shown = [cell.auc, row.auc, row.auc_iqm, row.final, row.success_final]
+    assert len({number(figure.value) for figure in shown}) == 4  # of one task, the whole and the cell are one
+    texts = [f"{number(figure.value)} {interval_text(figure.interval)}" for figure in shown]
+    assert f"| rising | 5 | {' | '.join(texts)} |" in render([table], "md")
+    for line in csv.DictReader(io.StringIO(render([table], "csv"))):
+        held = getattr(row if line["task"] == "all" else cell, line["measure"])
+        figures = [float(line[column]) for column in ("value", "low", "high")]
+        assert figures == pytest.approx([held.value, *held.interval], abs=1e-6)

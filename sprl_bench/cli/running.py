@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,8 +27,10 @@ def run(
     agents: Annotated[
         str,
         typer.Option(
+            "--agents",
+            "--agent",
             help="Agents, with commas between; your own is package.module:factory; "
-            "sprl@ablation is sprl by its preset ablation."
+            "sprl@ablation is sprl by its preset ablation.",
         ),
     ],
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
@@ -93,8 +96,8 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
     if complete:
         for suite in sorted({spec.suite for spec in specs}):
             typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
-        typer.echo(f"Next:    sprl-bench table {out} --format md")
-        typer.echo(f"         sprl-bench plot {out} -o curves.png")
+        typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
+        typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
     if failed:
         print(
             f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; error.txt in their folders tells more, and "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import operator
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -43,8 +44,16 @@ def check_choice(name: str, value: object, allowed: Iterable[object]) -> None:
         raise ValueError(f"{name} must be one of {listed}, got {value!r}.{_suggestion(value, choices)}")
 
 
-def refuse_unknown(where: str, unknown: Mapping[str, Any], allowed: Iterable[str]) -> None:
+def refuse_unknown(
+    where: str, unknown: Mapping[str, Any], allowed: Iterable[str], elsewhere: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Refuse keyword arguments that ``where`` does not take, with the nearest known name suggested.
+
+    Args:
+        where: What was called.
+        unknown: What it was given and does not take; nothing happens if it is empty.
+        allowed: What it takes.
+        elsewhere: What is known here by a name that is not near: theirs and ours.
 
     Raises:
         TypeError: ``unknown`` is not empty.
@@ -53,7 +62,7 @@ def refuse_unknown(where: str, unknown: Mapping[str, Any], allowed: Iterable[str
     for name, value in unknown.items():
         raise TypeError(
             f"{where} takes no argument {name!r} (got {name}={value!r}); it takes {', '.join(known)}."
-            f"{_suggestion(name, known)}"
+            f"{_suggestion(elsewhere.get(name, name), known)}"
         )
 
 

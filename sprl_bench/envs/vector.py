@@ -7,6 +7,7 @@ arrays and the three functions that change them: seed, restart, advance.
 
 from __future__ import annotations
 
+import hashlib
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
@@ -45,7 +46,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         max_episode_steps: A further time limit, which acts as ``TimeLimit`` does; None or -1 for none.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
         copy: Whether observations are returned as copies. If not, the array that the next step changes in place
-            is returned, which saves one copy.
+            is returned, which saves one copy; it cannot be written to, as the engine goes on from what it holds.
 
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
@@ -132,6 +133,10 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
     @abstractmethod
     def _information(self) -> Mapping[str, Array]:
         """Return the live arrays [N, ...] behind ``infos``, by name."""
+
+    @abstractmethod
+    def _kind(self) -> str:
+        """Return what tells this engine's decision process from others."""
 
     @abstractmethod
     def _arrays(self) -> Mapping[str, Array]:
@@ -254,7 +259,11 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         return infos
 
     def _current_observations(self) -> Array:
-        return self._observations.copy() if self._copy else self._observations
+        if self._copy:
+            return self._observations.copy()
+        held = self._observations.view()
+        held.flags.writeable = False
+        return held
 
     def _check_running(self) -> None:
         if not self._is_reset:
@@ -305,16 +314,19 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         if not self._is_reset:
             raise ResetNeeded("get_state() needs a reset() before it.")
         copies = {name: values.copy() for name, values in self._all_arrays().items()}
-        return copies | {"seeds": pack_seeds(self.np_random_seed)}
+        return copies | {"seeds": pack_seeds(self.np_random_seed), "kind": self._kind_digest()}
 
     def set_state(self, state: Mapping[str, Array]) -> None:
-        """Continue from a state that ``get_state`` of an engine of the same id and N gave.
+        """Continue from a state that ``get_state`` of an engine of the same id, arguments and N gave.
 
         Raises:
             ValueError: The state is not one of such an engine; nothing has changed.
         """
         arrays = self._all_arrays()
-        check_entries("state", state, [*arrays, "seeds"])
+        check_entries("state", state, [*arrays, "seeds", "kind"])
+        check_array("state['kind']", state["kind"], (1,), np.dtype(np.uint64))
+        if (state["kind"] != self._kind_digest()).any():
+            raise ValueError(f"state['kind'] is not that of this engine, {self._kind()}: the state is of another task.")
         for name, values in arrays.items():
             check_array(f"state[{name!r}]", state[name], values.shape, values.dtype)
         seeds = state["seeds"]
@@ -329,6 +341,10 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             values[...] = state[name]
         self._seeds = list(unpack_seeds(seeds))
         self._is_reset = True
+
+    def _kind_digest(self) -> Array:
+        """Return a number that stands for the decision process, uint64 [1]."""
+        return np.frombuffer(hashlib.sha256(self._kind().encode()).digest()[:8], "<u8").astype(np.uint64)
 
     def _all_arrays(self) -> dict[str, Array]:
         return {"elapsed": self._elapsed, "ended": self._ended, **self._arrays()}

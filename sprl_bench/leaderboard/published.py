@@ -112,7 +112,7 @@ def find_board(name: Path) -> list[Entry]:
     """
     if name.is_file():
         return [read_entry(name)]
-    if (name / SCHEMA).exists():
+    if (name / SCHEMA).exists() or any(name.glob("*/*.json")):
         raise ValueError(
             f"{name} is the folder of all boards; name one of them: {', '.join(_names(name)) or 'none yet'}."
         )

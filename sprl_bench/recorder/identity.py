@@ -12,10 +12,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import gymnasium
+import numpy as np
 from gymnasium import wrappers
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv, VectorWrapper
 
+from sprl_bench.recorder.making import NAMESPACE
 from sprl_bench.tasks import CUSTOM, SUITES, Argument, Suite, Task, find_suite, match_task, with_budget
 
 __all__ = ["Identity", "choose_task", "identify"]
@@ -29,19 +31,11 @@ HARMLESS: Final = (
     wrappers.HumanRendering,
     wrappers.RenderCollection,
 )
-# Arguments of `make`, `make_vec` and the Fetch tasks that change no episode, only how it is shown.
-NO_DYNAMICS: Final = frozenset(
-    (
-        "render_mode",
-        "num_envs",
-        "vectorization_mode",
-        "vector_kwargs",
-        "autoreset_mode",
-        "num_threads",
-        "copy",
-        "observation",
-    )
+# Arguments that change no episode, only how it is made or shown: those of Gymnasium, and of our environments.
+OF_MAKING: Final = frozenset(
+    ("render_mode", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "max_episode_steps")
 )
+OF_SHOWING: Final = frozenset(("autoreset_mode", "num_threads", "copy", "observation"))
 ADVICE: Final = "record what gymnasium.make returned, and wrap what record() returns."
 
 
@@ -148,10 +142,10 @@ def _registered(made: EnvSpec | None) -> EnvSpec:
 
 
 def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
-    without = NO_DYNAMICS | {"wrappers", "max_episode_steps"}
+    without = OF_MAKING | OF_SHOWING if registered.id.startswith(NAMESPACE) else OF_MAKING
     own = registered.kwargs
     given = {
-        name: value
+        name: value.item() if isinstance(value, np.generic) else value
         for name, value in arguments.items()
         if name not in without and not (name in own and own[name] == value)
     }
@@ -168,18 +162,25 @@ def _defaults(registered: EnvSpec) -> dict[str, Argument]:
     return {name: p.default for name, p in parameters.items() if isinstance(p.default, bool | int | float | str)}
 
 
-def choose_task(identity: Identity, suite: str | None, budget: int | None) -> tuple[Suite, Task]:
+def choose_task(
+    identity: Identity,
+    suite: str | None,
+    budget: int | None,
+    score_range: tuple[float, float] | None = None,
+) -> tuple[Suite, Task]:
     """Return the suite and task that a recorded environment belongs to.
 
     Args:
         identity: The environment.
         suite: Its name; by default the first suite that holds the environment.
         budget: Environment steps; other than the task's, they make the run one of the suite "custom".
+        score_range: The lowest and the highest return of a task of no suite; by default (0, 1).
 
     Raises:
-        ValueError: There is no such suite, it has no such task, or no task matches and there is no budget either.
+        ValueError: There is no such suite, it has no such task, or no task matches and there is no budget either; or
+            a task of a suite is given a range of scores.
     """
-    if budget is not None and (isinstance(budget, bool) or not isinstance(budget, int) or budget < 1):
+    if budget is not None and (isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1):
         raise ValueError(f"budget is {budget!r}; it must be a positive integer, in environment steps.")
     named = suite not in (None, CUSTOM.name)
     suites = [find_suite(str(suite))] if named else list(SUITES.values())
@@ -187,11 +188,14 @@ def choose_task(identity: Identity, suite: str | None, budget: int | None) -> tu
     if named and found is None:
         tasks = ", ".join(task.name for task in suites[0].tasks)
         raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
+    if found is not None and score_range not in (None, found[1].score_range):
+        raise ValueError(f"score_range is {score_range!r}, but that of {found[1].name} is {found[1].score_range}.")
     if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
         return found
     if budget is None:
         raise ValueError(f"No suite has a task {_described(identity)}: say how long to record by budget=...")
-    return CUSTOM, with_budget(found[1] if found else _task_of_its_own(identity), budget)
+    task = found[1] if found else _task_of_its_own(identity, (0.0, 1.0) if score_range is None else score_range)
+    return CUSTOM, with_budget(task, int(budget))
 
 
 def _described(identity: Identity) -> str:
@@ -199,16 +203,16 @@ def _described(identity: Identity) -> str:
     return f"{identity.env_id}{arguments}"
 
 
-def _task_of_its_own(identity: Identity) -> Task:
-    """Return a task of no suite: its arguments in its name, its range that of tasks with the same id, or [0, 1]."""
-    relatives = [task for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
+def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Task:
+    """Return a task of no suite, its arguments in its name."""
+    domains = [task.domain for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
     changed = {name: v for name, v in identity.arguments.items() if identity.defaults.get(name) != v}
     name = "-".join([identity.env_id.rpartition("/")[2], *(f"{name}-{v}" for name, v in sorted(changed.items()))])
     return Task(
         name=name,
         env_id=identity.env_id,
         budget=1,
-        domain=relatives[0].domain if relatives else CUSTOM.name,
-        arguments=dict(identity.arguments),
-        score_range=relatives[0].score_range if relatives else (0.0, 1.0),
+        domain=domains[0] if domains else CUSTOM.name,
+        arguments=changed,
+        score_range=score_range,
     )

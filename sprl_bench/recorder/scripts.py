@@ -51,6 +51,7 @@ def record(
     seed: int,
     suite: str | None = None,
     budget: int | None = None,
+    score_range: tuple[float, float] | None = None,
     privileged: bool = False,
     hyperparameters: Mapping[str, Any] = NONE,
 ) -> AnyEnv:
@@ -67,6 +68,7 @@ def record(
         seed: The seed that the script runs with; it is noted, not set.
         suite: Which suite the run belongs to; by default the first one that has the task.
         budget: Environment steps, where no suite has the task. Other than the task's, they make the run "custom".
+        score_range: The lowest and the highest return there can be, where no suite has the task; else (0, 1).
         privileged: Whether the method sees what an ordinary agent does not.
         hyperparameters: To be noted: names and plain values.
 
@@ -75,31 +77,29 @@ def record(
         FileExistsError: There is a complete record, or an unfinished run of the command line, in that place.
         LockedError: Another process is recording the same run.
     """
-    recorded: AnyEnv = _run_of(env, Path(out), suite, budget, agent, seed, privileged, hyperparameters).take_in(env)
+    spec = _spec_of(
+        env,
+        suite=suite,
+        budget=budget,
+        score_range=score_range,
+        agent=agent,
+        seed=seed,
+        privileged=privileged,
+        hyperparameters=hyperparameters,
+    )
+    recorded: AnyEnv = _run_of(spec, spec.path(Path(out).resolve())).take_in(env)
     return recorded
 
 
-def _run_of(
-    env: Any,
-    out: Path,
-    suite: str | None,
-    budget: int | None,
-    agent: str,
-    seed: int,
-    privileged: bool,
-    hyperparameters: Mapping[str, Any],
-) -> _ScriptRun:
-    """Return the run of this process that an environment belongs to."""
-    spec = RunSpec.of(
-        *choose_task(identify(env), suite, budget),
-        hyperparameters=hyperparameters,
-        agent=agent,
-        source="",
-        privileged=privileged,
-        seed=seed,
-        num_envs=1,
-    )
-    folder = spec.path(out.absolute())
+def _spec_of(
+    env: Any, *, suite: str | None, budget: int | None, score_range: tuple[float, float] | None, **rest: Any
+) -> RunSpec:
+    """Return what an environment's run is, as far as it is known at the beginning."""
+    return RunSpec.of(*choose_task(identify(env), suite, budget, score_range), source="", num_envs=1, **rest)
+
+
+def _run_of(spec: RunSpec, folder: Path) -> _ScriptRun:
+    """Return the run of this process that is recorded there, begun if need be."""
     run = _LIVE.get(folder) or _ScriptRun(spec, folder)
     if run.spec != spec:
         raise ValueError(f"{folder} is being recorded with {'; '.join(differences(run.spec, spec))}.")
@@ -110,7 +110,7 @@ class _ScriptRun:
     """One run of a script while it goes on, from its first environment to its record.
 
     Args:
-        spec: What it is a run of; the number of sub-environments is filled in at the end.
+        spec: What it is a run of; sub-environments, device and threads are filled in at the end.
         folder: Where its record goes.
 
     Raises:
@@ -123,6 +123,7 @@ class _ScriptRun:
 
         self.spec, self.folder = spec, folder
         self.held = False  # whether it goes on when all its environments are closed
+        self.final = False  # whether its record has been written
         fingerprint(spec.task)  # now, for the same reason
         machine.git_commit()  # is remembered from here on: files may change until the end
         self._owned = contextlib.ExitStack()
@@ -132,7 +133,6 @@ class _ScriptRun:
         self._process, self._started = os.getpid(), time.perf_counter()
         self._log, self._vector = self._empty_log(), False
         self._open: set[_Member] = set()
-        self._final = False
         try:
             _refuse_to_replace(folder)
         except BaseException:
@@ -168,7 +168,7 @@ class _ScriptRun:
 
     def check_turn(self, steps: int) -> None:
         """Refuse a step, after so many, out of turn: with N environments, each steps before one takes its next."""
-        if len(self._open) > 1 and not self._final:
+        if len(self._open) > 1 and not self.final:
             slowest = min(member.steps + member.resets for member in self._open)
             if steps > slowest:
                 raise RuntimeError(
@@ -184,12 +184,13 @@ class _ScriptRun:
 
     def finish(self) -> None:
         """Write the record, complete or not, unless that has been done; a run without a step leaves nothing."""
-        if self._final or os.getpid() != self._process:
+        if self.final or os.getpid() != self._process:
             return
-        self._final = True
+        self.final = True
         with self._owned:
             if self._log.env_steps:
-                spec = self.spec.model_copy(update={"num_envs": self._log.num_stepped})
+                known_by_now = {"num_envs": self._log.num_stepped, **machine.computing()}
+                spec = self.spec.model_copy(update=known_by_now)
                 write_result(self.folder, spec, self._log, wall_time_s=time.perf_counter() - self._started)
                 self._report()
 
@@ -241,8 +242,8 @@ def _refuse_to_replace(folder: Path) -> None:
 class Recording:
     """A block in which every environment of ours that is made is recorded; see `recording`."""
 
-    def __init__(self, arguments: Mapping[str, Any]) -> None:
-        self._arguments = arguments
+    def __init__(self, out: Path, arguments: Mapping[str, Any]) -> None:
+        self._out, self._arguments = out, arguments
         self._paused = False
         self._runs: dict[Path, _ScriptRun] = {}
         self._process = os.getpid()
@@ -263,15 +264,20 @@ class Recording:
 
     def made(self, env: AnyEnv) -> AnyEnv:
         """Return what shall be given to whoever made `env`."""
-        spec = env.unwrapped.spec
-        if self._paused or spec is None or not spec.id.startswith(NAMESPACE):
+        made = env.unwrapped.spec
+        if self._paused or made is None or not made.id.startswith(NAMESPACE):
             return env
         if os.getpid() != self._process:
             raise RuntimeError(
                 "recording() does not reach into other processes: make the environments in this one, or use "
                 "gymnasium.make_vec, or call record() around a vector environment that has its own processes."
             )
-        run = _run_of(env, **self._arguments)
+        spec = _spec_of(env, **self._arguments)
+        folder = spec.path(self._out)
+        if folder in self._runs and self._runs[folder].final:
+            warnings.warn(f"{folder} has its record by now, so a further environment is not recorded.", stacklevel=3)
+            return env
+        run = _run_of(spec, folder)
         run.held = True
         self._runs[run.folder] = run
         recorded: AnyEnv = run.take_in(env)
@@ -292,15 +298,17 @@ def recording(
     seed: int,
     suite: str | None = None,
     budget: int | None = None,
+    score_range: tuple[float, float] | None = None,
     privileged: bool = False,
     hyperparameters: Mapping[str, Any] = NONE,
 ) -> Iterator[Recording]:
     """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
 
     Each task has one record; environments of the same task are the sub-environments of one run and must be stepped in
-    turn. Make those for evaluation before the block, or inside `with recording.paused():`. When the block ends,
-    whatever is not complete is written as incomplete. A name imported earlier, as in `from gymnasium import make`,
-    is not seen, and neither is what other processes make.
+    turn. Make those for evaluation before the block, or inside `with recording.paused():`; one that is made when the
+    record is complete is not recorded, with a warning. When the block ends, whatever is not complete is written as
+    incomplete. A name imported earlier, as in `from gymnasium import make`, is not seen, and neither is what other
+    processes make.
 
     Args:
         out: See `record`, as for the others.
@@ -308,6 +316,7 @@ def recording(
         seed: The seed that the script runs with.
         suite: Which suite the runs belong to.
         budget: Environment steps, where no suite has the task.
+        score_range: The lowest and the highest return there can be, where no suite has the task.
         privileged: Whether the method sees what an ordinary agent does not.
         hyperparameters: To be noted: names and plain values.
 
@@ -317,15 +326,16 @@ def recording(
     if hasattr(gymnasium.make, "_records"):
         raise RuntimeError("recording() blocks cannot lie within one another.")
     block = Recording(
+        Path(out).resolve(),
         {
-            "out": Path(out),
             "agent": agent,
             "seed": seed,
             "suite": suite,
             "budget": budget,
+            "score_range": score_range,
             "privileged": privileged,
             "hyperparameters": hyperparameters,
-        }
+        },
     )
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)

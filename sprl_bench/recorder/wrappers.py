@@ -5,12 +5,13 @@ Wrappers above it may do to rewards, observations and endings what they like; no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, SupportsFloat
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sprl_bench.recorder.episodes import EpisodeLog
@@ -38,6 +39,23 @@ class Listener:
 
 SILENT: Final = Listener()
 UNCOPYABLE: Final = "A recorded environment cannot be copied or pickled; record each environment where it is used."
+UNRESET: Final = "A recorded environment must be reset() before its first step, so that no episode is recorded in part."
+
+
+def _refuse_seed(seed: Any) -> None:
+    """Refuse a seed after the first recorded step.
+
+    Else whoever resets with one seed again and again would be scored on a single layout, by mistake or not.
+
+    Raises:
+        ValueError: A seed is given.
+    """
+    seeds = seed if isinstance(seed, Sequence) else [seed]
+    if any(one is not None for one in seeds):
+        raise ValueError(
+            f"seed is {seed!r}, but recorded steps have been taken since the first reset(), the only one that may be "
+            "seeded: later episodes go on with its stream. Call reset() without a seed."
+        )
 
 
 class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
@@ -60,6 +78,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self._seeded = seeded
+        self._is_reset = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
 
@@ -67,20 +86,29 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         """Reset the environment; unfinished episodes of what is reset count as failures.
 
         Raises:
-            ValueError: A seed is given where the environment has its own.
+            ValueError: A seed is given where the environment has its own, or after the first recorded step.
         """
         if seed is not None and self._seeded:
             raise ValueError(
                 f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed."
             )
+        if self.episode_log.env_steps and not self.episode_log.complete:
+            _refuse_seed(seed)
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
+        self._is_reset = True
         self.episode_log.reset(envs)
         return observations, infos
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
-        """Step the environment and log the episodes that end."""
+        """Step the environment and log the episodes that end.
+
+        Raises:
+            ResetNeeded: It has not been reset since it is recorded.
+        """
+        if not self._is_reset:
+            raise ResetNeeded(UNRESET)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = np.logical_or(terminated, truncated)
         if self.episode_log.step(np.asarray(rewards, np.float64), ended, self._success(infos, ended)):
@@ -128,18 +156,33 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         self.episode_log, self._index = log, index
         self._listener = listener
+        self._is_reset = self._has_stepped = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; an unfinished episode counts as a failure."""
+        """Reset the environment; an unfinished episode counts as a failure.
+
+        Raises:
+            ValueError: A seed is given after the first recorded step.
+        """
+        if self._has_stepped and not self.episode_log.complete:
+            _refuse_seed(seed)
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
+        self._is_reset = True
         self.episode_log.reset(self._here)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Step the environment and log the episode if it ends."""
+        """Step the environment and log the episode if it ends.
+
+        Raises:
+            ResetNeeded: It has not been reset since it is recorded.
+        """
+        if not self._is_reset:
+            raise ResetNeeded(UNRESET)
         self._listener.stepping()
         observation, reward, terminated, truncated, info = self.env.step(action)
+        self._has_stepped = True
         ended = np.array([terminated or truncated])
         success = np.array([bool(info.get("is_success", False))])
         if self.episode_log.step(np.array([float(reward)]), ended, success, self._here):

@@ -121,7 +121,14 @@ def write(path: Path, data: Data) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a temporary file beside `path`, flush it to the disk, and rename it."""
+    """Write a temporary file beside `path`, flush it to the disk, and rename it.
+
+    A link is followed, and what is no file, such as /dev/stdout in a pipe, is written to: neither is replaced.
+    """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        path.write_bytes(content)
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:

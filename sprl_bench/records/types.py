@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, JsonValue, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
 
 from sprl_bench import metrics
 from sprl_bench.records.files import Data, first_complaint, read
@@ -68,11 +68,16 @@ def _finite(value: JsonValue) -> JsonValue:
     return value
 
 
+def _plain_integer(value: Any) -> Any:
+    """Turn NumPy's integers into Python's."""
+    return int(value) if isinstance(value, np.integer) else value
+
+
 Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable), AfterValidator(_file_name)]
 Line = Annotated[str, Field(max_length=300), AfterValidator(_printable)]
-Count = Annotated[int, Field(ge=0, lt=2**53)]
+Count = Annotated[int, Field(ge=0, lt=2**53), BeforeValidator(_plain_integer)]
 Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
-Positive = Annotated[int, Field(gt=0, lt=2**53)]
+Positive = Annotated[int, Field(gt=0, lt=2**53), BeforeValidator(_plain_integer)]
 Bounded = Annotated[float, Field(ge=-1e300, le=1e300)]  # the sum of a curve is finite
 Amount = Annotated[float, Field(ge=0)]
 Json = Annotated[JsonValue, AfterValidator(_finite)]

@@ -73,7 +73,7 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
     repeated = [value for value, count in Counter(values).items() if count > 1]
     if repeated:
         raise ValueError(f"{name} holds {repeated[0]!r} more than once.")
-    if not values:
+    if not len(values):
         raise ValueError(f"{name} is empty; name at least one.")
 
 

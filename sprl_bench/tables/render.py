@@ -19,7 +19,7 @@ FORMATS = (*GRID_FORMATS, "csv", "json")
 
 PRIVILEGED = "† privileged: sees what an ordinary agent does not."
 PARTIAL = "‡ runs are missing; its overall figures are over the seeds that it has on every task."
-SCORES = "Mean AUC with its 95 % stratified-bootstrap interval; final and success over the last tenth of the budget."
+SCORES = "Intervals: 95 %, stratified bootstrap over seeds. Final and success: over the last tenth of the budget."
 MEASURES = ("auc", "final", "success_auc", "success_final")
 CSV_COLUMNS = ("suite", "suite_version", "agent", "privileged", "task", "measure", "value", "low", "high", "seeds")
 DASH = "-"
@@ -61,8 +61,8 @@ def _texts(row: Row) -> list[str]:
         *(_cell(cell) for cell in row.cells),
         _with_interval(row.auc),
         _with_interval(row.auc_iqm),
-        DASH if row.final is None else number(row.final.value),
-        DASH if row.success_final is None else number(row.success_final.value),
+        _with_interval(row.final),
+        _with_interval(row.success_final),
     ]
 
 

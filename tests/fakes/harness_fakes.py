@@ -60,7 +60,8 @@ class Walker:
                 self._misbehave()
                 if self._trouble == "stop":
                     return
-            yield {"updates": self._updates, "loss": float("nan")}
+            boast = {"env_steps": float("nan")} if self._trouble == "boast" else {}
+            yield {"updates": self._updates, "loss": float("nan"), **boast}
 
     def _misbehave(self) -> None:
         match self._trouble:
@@ -113,6 +114,11 @@ broken.privileged = True  # type: ignore[attr-defined]
 
 def demanding(*, seed: int, depth: int, device: str = "cpu", width: int) -> Walker:
     """Two hyperparameters have no default."""
+    return Walker(seed, 20, "", 0, 0.0)
+
+
+def anything(*, seed: int, device: str = "cpu", **hyperparameters: Any) -> Walker:
+    """It takes what it is given."""
     return Walker(seed, 20, "", 0, 0.0)
 
 

@@ -14,10 +14,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sprl_bench.envs import vector
+from sprl_bench.envs.arguments import refuse_unknown
 from sprl_bench.envs.fetch import rules
 from sprl_bench.envs.fetch.batched_simulation import BatchedSimulation
 from sprl_bench.envs.fetch.env import FetchEnv, is_reached, make_single
-from sprl_bench.envs.fetch.rules import ACTION_SPACE, Rules, checked_actions, refuse_unknown_arguments
+from sprl_bench.envs.fetch.rules import ACTION_SPACE, ELSEWHERE, Rules, checked_actions
 from sprl_bench.envs.grid.streams import STREAM_LIMBS, from_generator, to_generator
 from sprl_bench.envs.vector import Array, BatchedEnv, Mask, Rows
 
@@ -103,6 +104,9 @@ class FetchEngine(BatchedEnv):
 
     def _all_infos(self) -> dict[str, Any]:
         return self._infos(np.ones(self.num_envs, np.bool_))
+
+    def _kind(self) -> str:
+        return f"{self.task} {self.rules} {self.observation}"
 
     def _arrays(self) -> Mapping[str, Array]:
         return {
@@ -207,7 +211,7 @@ def make_engine(
         TypeError, ValueError: An argument is unknown or not allowed.
     """
     unknown = {name: value for name, value in arguments.items() if name not in vector.ARGUMENTS}
-    refuse_unknown_arguments(f"Fetch{task}Sparse", unknown, {*rules.ARGUMENTS, *vector.ARGUMENTS})
+    refuse_unknown(f"Fetch{task}Sparse", unknown, {*rules.ARGUMENTS, *vector.ARGUMENTS}, ELSEWHERE)
     rules.check_interface(observation, render_mode)
     kind = FetchEngine if observation == "flat" else GoalFetchEngine
     chosen = Rules(substep, action_noise, terminate_on_goal)

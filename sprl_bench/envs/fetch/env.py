@@ -18,14 +18,15 @@ from gymnasium.spaces import Box, Dict
 from gymnasium_robotics.core import GoalEnv
 from numpy.typing import NDArray
 
+from sprl_bench.envs.arguments import refuse_unknown
 from sprl_bench.envs.fetch.picture import Picture
 from sprl_bench.envs.fetch.rules import (
     ACTION_SPACE,
     ARGUMENTS,
+    ELSEWHERE,
     Rules,
     check_interface,
     checked_actions,
-    refuse_unknown_arguments,
 )
 from sprl_bench.envs.fetch.simulation import Observation, new_simulation
 
@@ -262,7 +263,7 @@ def make_single(
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
     """
-    refuse_unknown_arguments(f"Fetch{task}Sparse", unknown, ARGUMENTS)
+    refuse_unknown(f"Fetch{task}Sparse", unknown, ARGUMENTS, ELSEWHERE)
     check_interface(observation, render_mode)
     kind = FlatFetch if observation == "flat" else GoalFetch
     return kind(task, Rules(substep, action_noise, terminate_on_goal), render_mode)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
+from collections.abc import Iterator
 from typing import Any, Final
 
 import mujoco
@@ -31,7 +33,7 @@ class Picture:
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth = self._model.vis.global_.offheight = _SIZE
         self._data = mujoco.MjData(self._model)
-        _prefer_egl_without_a_display()
+        self._has_context = False
         self._renderer = MujocoRenderer(
             self._model, self._data, default_cam_config=DEFAULT_CAMERA_CONFIG, width=_SIZE, height=_SIZE
         )
@@ -42,14 +44,31 @@ class Picture:
         mark = self._model.site(_GOAL_MARK)
         mark.pos[:] = goal - self._model.body(int(mark.bodyid[0])).pos
         mujoco.mj_forward(self._model, self._data)
-        return self._renderer.render(render_mode)
+        if not self._has_context and _has_no_choice():
+            with contextlib.suppress(Exception), _egl_chosen():  # if it fails, whatever else there is gets its turn
+                self._renderer.render(render_mode)
+        picture = self._renderer.render(render_mode)
+        self._has_context = True
+        return picture
 
     def close(self) -> None:
         """Close the window and release the graphics context."""
         self._renderer.close()  # type: ignore[no-untyped-call]  # upstream is untyped
 
 
-def _prefer_egl_without_a_display() -> None:
-    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily."""
-    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        os.environ.setdefault("MUJOCO_GL", "egl")
+def _has_no_choice() -> bool:
+    """Return whether there is no display, and nobody has said what else to draw with."""
+    return not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"))
+
+
+@contextlib.contextmanager
+def _egl_chosen() -> Iterator[None]:
+    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily.
+
+    The choice is taken back at once: where there is no EGL, a process that inherited it could not load MuJoCo.
+    """
+    os.environ["MUJOCO_GL"] = "egl"
+    try:
+        yield
+    finally:
+        del os.environ["MUJOCO_GL"]

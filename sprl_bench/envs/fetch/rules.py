@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -11,16 +10,16 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sprl_bench.envs.arguments import check_choice, check_integer, refuse_unknown
+from sprl_bench.envs.arguments import check_choice, check_integer
 
 __all__ = [
     "ACTION_SPACE",
     "ARGUMENTS",
+    "ELSEWHERE",
     "REFERENCE_SUBSTEP",
     "Rules",
     "check_interface",
     "checked_actions",
-    "refuse_unknown_arguments",
 ]
 
 Actions = NDArray[np.float32]
@@ -30,9 +29,15 @@ REFERENCE_SUBSTEP: Final = 20
 
 ARGUMENTS: Final = ("substep", "action_noise", "terminate_on_goal", "observation", "render_mode")
 
+ELSEWHERE: Final = {
+    **dict.fromkeys(("n_substeps", "num_substeps", "frame_skip", "frameskip", "action_repeat"), "substep"),
+    **dict.fromkeys(("noise", "noise_std", "action_noise_std", "sigma"), "action_noise"),
+    **dict.fromkeys(("terminate_on_success", "terminate", "continuing_task"), "terminate_on_goal"),
+}
+"""What other projects call the arguments of these tasks."""
+
 _OBSERVATIONS: Final = ("flat", "goal")
 _RENDER_MODES: Final = ("human", "rgb_array")
-_SUBSTEP_ELSEWHERE: Final = frozenset({"n_substeps", "num_substeps", "frame_skip", "frameskip", "action_repeat"})
 
 ACTION_SPACE: Final = Box(-1.0, 1.0, (4,), np.float32)
 
@@ -112,18 +117,6 @@ def check_interface(observation: object, render_mode: object) -> None:
     """
     check_choice("observation", observation, _OBSERVATIONS)
     check_choice("render_mode", render_mode, [None, *_RENDER_MODES])
-
-
-def refuse_unknown_arguments(where: str, unknown: Mapping[str, Any], allowed: Iterable[str]) -> None:
-    """Refuse keyword arguments that ``where`` does not take; what others call ``substep`` is answered with that.
-
-    Raises:
-        TypeError: ``unknown`` is not empty.
-    """
-    for name, value in unknown.items():
-        if name in _SUBSTEP_ELSEWHERE:
-            raise TypeError(f"{where} takes no argument {name!r} (got {name}={value!r}). Did you mean 'substep'?")
-    refuse_unknown(where, unknown, allowed)
 
 
 def _checked_noise(value: Any) -> float:

@@ -89,6 +89,9 @@ class GridEngine(BatchedEnv):
     def _information(self) -> Mapping[str, Array]:
         return {"is_success": self._is_success, "position": self._agents[:, :2]}
 
+    def _kind(self) -> str:
+        return self.single.__name__
+
     def _arrays(self) -> Mapping[str, Array]:
         return {
             "observations": self._observations,

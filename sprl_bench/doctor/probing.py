@@ -1,6 +1,6 @@
 """What can only be found out by trying, tried in a process of its own: a graphics driver may take it down.
 
-`python -m sprl_bench.cli.probing` prints one line of JSON for each probe, as soon as its answer is known.
+`python -m sprl_bench.doctor.probing` prints one line of JSON for each probe, as soon as its answer is known.
 """
 
 # ruff: noqa: PLC0415 - a probe loads what it is about
@@ -97,7 +97,7 @@ def _ask(ask: Callable[[], Answer]) -> Answer:
 
 def probe() -> dict[str, Answer]:
     """Return the answers by probe, from a process of its own; a probe that ended it has no answer but the trouble."""
-    command = [sys.executable, "-m", "sprl_bench.cli.probing"]
+    command = [sys.executable, "-m", "sprl_bench.doctor.probing"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
         printed, trouble = done.stdout, f"the process that tried it ended with status {done.returncode}"
