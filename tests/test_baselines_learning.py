@@ -107,11 +107,11 @@ def test_four_rooms_is_learned_beyond_chance() -> None:
     assert returns[stamps > 80_000].mean() > uniform.mean() + MARGIN
 
 
-# A bonus alone, as no reward is met on KeyDoors by then: the first and the last 6 of 31 updates, 47,000 steps. Measured
-# with seeds 0 to 2. First visits per step: 1.46, 1.40 and 1.52 times as many in the end. Share of steps charged: less by
-# 0.13, 0.12 and 0.15; with the same cost that weighs nothing: more by 0.08, 0.05 and 0.02. (Where a network judges, what
-# it says changes with it, so neither SPRL nor ECO can be read off that way.) The tests' seed, 20, was declared before
-# anything was run with it.
+# A bonus alone, as no reward is met on KeyDoors by then: the first and the last 6 of 31 updates, 47,000 steps.
+# Measured with seeds 0 to 2. First visits per step: 1.46, 1.40 and 1.52 times as many in the end. Share of steps
+# charged: less by 0.13, 0.12 and 0.15; with the same cost that weighs nothing: more by 0.08, 0.05 and 0.02. (Where a
+# network judges, what it says changes with it, so neither SPRL nor ECO can be read off that way.) The tests' seed,
+# 20, was declared before anything was run with it.
 ALONE: dict[str, Any] = {"learning_rate": 0.003, "entropy_coefficient": 0.001}
 UPDATES, ENDS = 31, 6
 
