@@ -188,9 +188,9 @@ class _Session:
         Steps and time are the harness's own: metrics of these names are left out.
         """
         numbers = {name: float(value) for name, value in metrics.items()}
-        finite = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
         own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3)}
-        line = own | finite | own
+        finite = {name: value if math.isfinite(value) else None for name, value in numbers.items() if name not in own}
+        line = own | finite
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
 
@@ -245,13 +245,13 @@ class _Session:
             )
 
     def _restore(self, state: Mapping[str, Any]) -> None:
-        self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
         try:
+            self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
             self._envs.episode_log.load_state_dict(state["log"])
-        except KeyError as error:
+        except (KeyError, ValueError) as error:
             raise CheckpointRefusedError(
-                f"{self._folder / CHECKPOINT} has no {error} in its log, as another build of sprl-bench made it: "
-                "go on with that one, or remove it to start over."
+                f"{self._folder / CHECKPOINT} was made by another build of sprl-bench ({error}): go on with that one, "
+                "or remove it to start over."
             ) from None
         self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
         self._earlier_s, self._earlier_peak_mib = state["wall_time_s"], state["peak_memory_mib"]

@@ -126,6 +126,19 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
             make_entry([*runs()[:4], changed])
 
 
+def test_scripts_have_as_many_threads_as_their_machines(make_record: MakeRecord) -> None:
+    runs = [make_record(seed=seed) for seed in range(5)]
+    scripts = [
+        run.model_copy(
+            update={"spec": run.spec.model_copy(update={"source": "", "torch_threads": 1 + run.spec.seed % 2})}
+        )
+        for run in runs
+    ]
+    entry = make_entry(scripts)
+    assert [result.torch_threads for result in entry.tasks[0].results] == [1, 2, 1, 2, 1]
+    assert "Different numbers of torch threads: 1 (ppo), 2 (ppo)." in leaderboard.board([entry]).notes
+
+
 @pytest.mark.parametrize("package", SCORED_PACKAGES)
 def test_what_a_score_depends_on_has_one_version(make_record: MakeRecord, package: str) -> None:
     runs = [make_record(seed=seed, versions={**VERSIONS, package: f"0.{min(seed, 1)}"}) for seed in range(5)]

@@ -116,6 +116,17 @@ def test_a_vector_environment_says_when_it_resets() -> None:
         identify(envs)
 
 
+def test_an_argument_that_the_id_fixes_tells_two_tasks_apart() -> None:
+    plain, smaller = (gymnasium.make("FrozenLake8x8-v1", **given) for given in ({}, {"map_name": "4x4"}))
+    tasks = [choose_task(identify(env), None, 500)[1] for env in (plain, smaller)]
+    assert [task.arguments for task in tasks] == [{}, {"map_name": "4x4"}]
+    assert [task.name for task in tasks] == ["FrozenLake8x8-v1-500", "FrozenLake8x8-v1-map_name-4x4-500"]
+
+
+def test_nothing_is_an_argument_too() -> None:
+    assert choose_task(Identity("Any-v0", {"x": None}, {}), None, 500)[1].arguments == {"x": None}
+
+
 def test_another_value_of_an_argument_that_the_id_fixes_is_seen(scripted_id: str) -> None:
     other = gymnasium.make(scripted_id, episodes=[([9.0], True)])
     assert identify(other) != identify(gymnasium.make(scripted_id))

@@ -230,6 +230,7 @@ def test_a_range_of_scores_goes_with_a_task_of_no_suite(tmp_path: Path) -> None:
     record = only_record(tmp_path)
     assert record.spec.task.score_range == (0.0, 500.0)
     assert record.scores.steps_to_threshold is None
+    assert sprl_bench.record(make(), out=tmp_path, agent="other", seed=0, score_range=[0, 1])  # type: ignore[arg-type]
     with pytest.raises(ValueError, match=r"score_range is \(0, 2\), but that of FourRooms-7x7 is \(0\.0, 1\.0\)"):
         sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, score_range=(0, 2))
 
@@ -316,6 +317,28 @@ def test_no_sub_environment_is_seeded_again(tmp_path: Path, seed: Any) -> None:
     envs.reset(seed=[None, None])
     with pytest.raises(ValueError, match="recorded steps have been taken"):
         envs.reset(seed=seed)
+
+
+def test_a_seed_is_taken_again_when_the_block_is_over(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0):
+        envs = [gymnasium.make(ID), gymnasium.make_vec("SPRL/KeyDoors-7x7-v1", 2)]
+        for env in envs:
+            env.reset(seed=0)
+            env.step(env.action_space.sample())
+    for env in envs:
+        env.reset(seed=5)
+
+
+def test_a_reset_of_some_does_not_begin_the_others(tmp_path: Path) -> None:
+    envs = gymnasium.make_vec(ID, 2, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    envs.step(np.zeros(2, np.int64))
+    recorded = sprl_bench.record(envs, out=tmp_path, agent="mine", seed=0, budget=400)
+    for mask in ([True, False], [False, True]):
+        with pytest.raises(ResetNeeded, match="in part"):
+            recorded.step(np.zeros(2, np.int64))
+        recorded.reset(options={"reset_mask": np.array(mask)})
+    recorded.step(np.zeros(2, np.int64))
 
 
 @pytest.mark.parametrize("vector", [False, True])

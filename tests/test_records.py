@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -210,6 +212,15 @@ def test_a_link_and_a_pipe_stay_what_they_are(tmp_path: Path) -> None:
     assert os.read(reader, 9) == b"two"
     os.close(reader)
     assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize("way", [">>", "| cat >>"])
+def test_standard_output_may_be_named(tmp_path: Path, way: str) -> None:
+    (tmp_path / "log").write_text("before ")
+    code = "from pathlib import Path; from sprl_bench.records import write_bytes as w; w(Path('/dev/stdout'), b'text')"
+    command = f'"{sys.executable}" -c "{code}" {way} log; printf " after" >> log'
+    subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True)
+    assert (tmp_path / "log").read_text() == "before text after"
 
 
 def test_files_are_as_readable_as_the_umask_says(written: Path) -> None:

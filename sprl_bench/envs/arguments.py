@@ -53,7 +53,7 @@ def refuse_unknown(
         where: What was called.
         unknown: What it was given and does not take; nothing happens if it is empty.
         allowed: What it takes.
-        elsewhere: What is known here by a name that is not near: theirs and ours.
+        elsewhere: The name that an argument has here, by one that it has elsewhere.
 
     Raises:
         TypeError: ``unknown`` is not empty.

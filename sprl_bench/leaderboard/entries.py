@@ -52,6 +52,7 @@ class SeedResult(Data):
 
     seed: Count
     device: Line
+    torch_threads: Annotated[int, Field(gt=0)]
     scores: Scores
     return_curve: Curve
     success_curve: Curve
@@ -65,7 +66,6 @@ class TaskEntry(Data):
     hyperparameters: dict[Line, Json]
     hyperparameters_hash: Line
     num_envs: Annotated[int, Field(gt=0)]
-    torch_threads: Annotated[int, Field(gt=0)]
     fingerprint: Annotated[str, Field(pattern="^[0-9a-f]{16}$")] = Field(
         description="Of the environment: the hash of a fixed trajectory."
     )
@@ -182,6 +182,7 @@ class Entry(Data):
                 versions=self.versions,
                 builds=self.git_commits,
                 device=result.device,
+                torch_threads=result.torch_threads,
                 return_curve=result.return_curve,
                 scores=result.scores,
             )

@@ -140,18 +140,20 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
 def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
     runs = sorted(records, key=lambda record: record.spec.seed)
     spec = runs[0].spec
+    if spec.source:  # the harness sets the threads; a script has as many as its machine gives it
+        _common(runs, "torch_threads", lambda run: run.torch_threads)
     return TaskEntry(
         task=spec.task,
         source=_common(runs, "source", lambda run: run.source),
         hyperparameters=spec.hyperparameters,
         hyperparameters_hash=spec.hyperparameters_hash,
         num_envs=_common(runs, "num_envs", lambda run: run.num_envs),
-        torch_threads=_common(runs, "torch_threads", lambda run: run.torch_threads),
         fingerprint=runs[0].fingerprint,
         results=tuple(
             SeedResult(
                 seed=run.spec.seed,
                 device=run.spec.device,
+                torch_threads=run.spec.torch_threads,
                 scores=run.scores,
                 return_curve=run.return_curve,
                 success_curve=run.success_curve,

@@ -35,6 +35,7 @@ HARMLESS: Final = (
 OF_MAKING: Final = frozenset(
     ("render_mode", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "max_episode_steps")
 )
+PLAIN: Final = bool | int | float | str
 OF_SHOWING: Final = frozenset(("autoreset_mode", "num_threads", "copy", "observation"))
 ADVICE: Final = "record what gymnasium.make returned, and wrap what record() returns."
 
@@ -149,17 +150,18 @@ def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
         for name, value in arguments.items()
         if name not in without and not (name in own and own[name] == value)
     }
-    return Identity(registered.id, given, {name: v for name, v in _defaults(registered).items() if name not in without})
+    defaults = {**_defaults(registered), **{name: value for name, value in own.items() if isinstance(value, PLAIN)}}
+    return Identity(registered.id, given, {name: v for name, v in defaults.items() if name not in without})
 
 
 def _defaults(registered: EnvSpec) -> dict[str, Argument]:
-    """Return the plain defaults of what makes a single environment."""
+    """Return the plain defaults in the signature of what makes a single environment."""
     entry_point = registered.entry_point
     creator: Callable[..., Any] | None = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     if creator is None:
         return {}
     parameters = inspect.signature(creator).parameters
-    return {name: p.default for name, p in parameters.items() if isinstance(p.default, bool | int | float | str)}
+    return {name: p.default for name, p in parameters.items() if isinstance(p.default, PLAIN)}
 
 
 def choose_task(
@@ -188,13 +190,14 @@ def choose_task(
     if named and found is None:
         tasks = ", ".join(task.name for task in suites[0].tasks)
         raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
-    if found is not None and score_range not in (None, found[1].score_range):
-        raise ValueError(f"score_range is {score_range!r}, but that of {found[1].name} is {found[1].score_range}.")
+    given_range = None if score_range is None else tuple(score_range)
+    if found is not None and given_range not in (None, found[1].score_range):
+        raise ValueError(f"score_range is {given_range}, but that of {found[1].name} is {found[1].score_range}.")
     if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
         return found
     if budget is None:
         raise ValueError(f"No suite has a task {_described(identity)}: say how long to record by budget=...")
-    task = found[1] if found else _task_of_its_own(identity, (0.0, 1.0) if score_range is None else score_range)
+    task = found[1] if found else _task_of_its_own(identity, given_range or (0.0, 1.0))
     return CUSTOM, with_budget(task, int(budget))
 
 
@@ -203,10 +206,11 @@ def _described(identity: Identity) -> str:
     return f"{identity.env_id}{arguments}"
 
 
-def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Task:
+def _task_of_its_own(identity: Identity, score_range: tuple[float, ...]) -> Task:
     """Return a task of no suite, its arguments in its name."""
     domains = [task.domain for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
-    changed = {name: v for name, v in identity.arguments.items() if identity.defaults.get(name) != v}
+    defaults = identity.defaults
+    changed = {name: v for name, v in identity.arguments.items() if name not in defaults or defaults[name] != v}
     name = "-".join([identity.env_id.rpartition("/")[2], *(f"{name}-{v}" for name, v in sorted(changed.items()))])
     return Task(
         name=name,
@@ -214,5 +218,5 @@ def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Ta
         budget=1,
         domain=domains[0] if domains else CUSTOM.name,
         arguments=changed,
-        score_range=score_range,
+        score_range=score_range,  # type: ignore[arg-type] # the record's type counts them
     )

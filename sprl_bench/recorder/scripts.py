@@ -59,7 +59,8 @@ def record(
 
     The task is found by the environment's id and arguments. At the budget the record is written and final, and later
     steps pass through; on `close`, or when the process ends, what there is by then is written as incomplete. The
-    environment behaves as before and can be wrapped and handed to any library.
+    environment can be wrapped and handed to any library. It behaves as before, but for two things: it wants a reset
+    before its first step, and until the record is written no seed after that.
 
     Args:
         env: What `gymnasium.make` or `gymnasium.make_vec` returned.
@@ -140,6 +141,11 @@ class _ScriptRun:
             raise
         remove_leftovers(folder)
 
+    @property
+    def complete(self) -> bool:
+        """Whether its record holds the whole budget."""
+        return self.final and self._log.complete
+
     def take_in(self, env: Any) -> Any:
         """Return `env` with a recorder that writes to this run.
 
@@ -215,6 +221,10 @@ class _Member(Listener):
         self.steps = 0
         self.resets = 0  # a vector environment may spend its turn on one
 
+    @property
+    def recording(self) -> bool:
+        return not self._run.final
+
     def stepping(self) -> None:
         self._run.check_turn(self.steps)
         self.steps += 1
@@ -274,7 +284,7 @@ class Recording:
             )
         spec = _spec_of(env, **self._arguments)
         folder = spec.path(self._out)
-        if folder in self._runs and self._runs[folder].final:
+        if folder in self._runs and self._runs[folder].complete:
             warnings.warn(f"{folder} has its record by now, so a further environment is not recorded.", stacklevel=3)
             return env
         run = _run_of(spec, folder)

@@ -1,6 +1,7 @@
 """The recorder: sits directly on the environment, sees its true rewards, and passes everything through unchanged.
 
-Wrappers above it may do to rewards, observations and endings what they like; no score can follow.
+Wrappers above it may do to rewards, observations and endings what they like; no score can follow. So that none can by
+choosing episodes either, recording begins with a reset, and no reset after the first step is seeded.
 """
 
 from __future__ import annotations
@@ -23,6 +24,11 @@ Mask = npt.NDArray[np.bool_]
 
 class Listener:
     """Is told what happens to a recorded environment; this one does nothing."""
+
+    @property
+    def recording(self) -> bool:
+        """Whether what the environment does is still recorded, as far as the listener knows."""
+        return True
 
     def stepping(self) -> None:
         """Hear that a single environment is about to take a step; raising keeps it from that."""
@@ -78,7 +84,8 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
     ) -> None:
         super().__init__(env)
         self._seeded = seeded
-        self._is_reset = seeded
+        self._unreset = np.full(env.num_envs, not seeded)  # [N]
+        self._begun = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
 
@@ -92,12 +99,13 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
             raise ValueError(
                 f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed."
             )
-        if self.episode_log.env_steps and not self.episode_log.complete:
+        if self.episode_log.env_steps and not self.episode_log.complete and self._listener.recording:
             _refuse_seed(seed)
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
-        self._is_reset = True
+        self._unreset[envs] = False
+        self._begun = not self._unreset.any()
         self.episode_log.reset(envs)
         return observations, infos
 
@@ -107,7 +115,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         Raises:
             ResetNeeded: It has not been reset since it is recorded.
         """
-        if not self._is_reset:
+        if not self._begun:
             raise ResetNeeded(UNRESET)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         ended = np.logical_or(terminated, truncated)
@@ -164,7 +172,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         Raises:
             ValueError: A seed is given after the first recorded step.
         """
-        if self._has_stepped and not self.episode_log.complete:
+        if self._has_stepped and not self.episode_log.complete and self._listener.recording:
             _refuse_seed(seed)
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)

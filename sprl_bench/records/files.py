@@ -123,12 +123,13 @@ def write(path: Path, data: Data) -> None:
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a temporary file beside `path`, flush it to the disk, and rename it.
 
-    A link is followed, and what is no file, such as /dev/stdout in a pipe, is written to: neither is replaced.
+    A link is followed, and a device or a pipe, such as /dev/stdout, written to: neither is replaced.
     """
-    path = path.resolve()
-    if path.exists() and not path.is_file():
-        path.write_bytes(content)
+    if path.is_relative_to("/dev") or (path.exists() and not path.is_file()):
+        with path.open("ab") as stream:  # a file that standard output goes to keeps what it has
+            stream.write(content)
         return
+    path = path.resolve()
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:

@@ -46,8 +46,8 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
     """Check that these results of one suite may share a table.
 
     Returns:
-        Sentences on what differs and does not forbid it: versions, builds, devices, numbers of sub-environments, and
-        budgets other than the suite's own.
+        Sentences on what differs and does not forbid it: versions, builds, devices, threads, numbers of
+        sub-environments, and budgets other than the suite's own.
 
     Raises:
         IncomparableError: They differ in the suite's version, in a task's environment, arguments, budget or
@@ -144,8 +144,11 @@ def _build(result: Result) -> str:
 
 
 def _device_notes(results: Sequence[Result]) -> list[str]:
-    mixed = _by_value(results, lambda result: result.device.partition(":")[0])
-    return [f"Different devices: {mixed}."] if mixed else []
+    kinds = {
+        "devices": _by_value(results, lambda result: result.device.partition(":")[0]),
+        "numbers of torch threads": _by_value(results, lambda result: str(result.torch_threads)),
+    }
+    return [f"Different {name}: {mixed}." for name, mixed in kinds.items() if mixed]
 
 
 def _width_notes(results: Sequence[Result]) -> list[str]:

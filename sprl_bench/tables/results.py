@@ -48,6 +48,7 @@ class Result:
     versions: Mapping[str, str]
     builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
     device: str
+    torch_threads: int
     return_curve: tuple[float, ...]
     scores: Scores
 
@@ -68,6 +69,7 @@ class Result:
             versions=record.versions,
             builds=(record.git_commit,) if record.git_commit else (),
             device=spec.device,
+            torch_threads=spec.torch_threads,
             return_curve=record.return_curve,
             scores=record.scores,
         )

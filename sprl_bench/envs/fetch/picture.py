@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import os
+import sys
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -33,7 +34,6 @@ class Picture:
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth = self._model.vis.global_.offheight = _SIZE
         self._data = mujoco.MjData(self._model)
-        self._has_context = False
         self._renderer = MujocoRenderer(
             self._model, self._data, default_cam_config=DEFAULT_CAMERA_CONFIG, width=_SIZE, height=_SIZE
         )
@@ -44,31 +44,32 @@ class Picture:
         mark = self._model.site(_GOAL_MARK)
         mark.pos[:] = goal - self._model.body(int(mark.bodyid[0])).pos
         mujoco.mj_forward(self._model, self._data)
-        if not self._has_context and _has_no_choice():
-            with contextlib.suppress(Exception), _egl_chosen():  # if it fails, whatever else there is gets its turn
-                self._renderer.render(render_mode)
-        picture = self._renderer.render(render_mode)
-        self._has_context = True
-        return picture
+        with _egl_without_a_display():
+            return self._renderer.render(render_mode)
 
     def close(self) -> None:
         """Close the window and release the graphics context."""
         self._renderer.close()  # type: ignore[no-untyped-call]  # upstream is untyped
 
 
-def _has_no_choice() -> bool:
-    """Return whether there is no display, and nobody has said what else to draw with."""
-    return not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL"))
-
-
 @contextlib.contextmanager
-def _egl_chosen() -> Iterator[None]:
-    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily.
+def _egl_without_a_display() -> Iterator[None]:
+    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily; others are left alone.
 
-    The choice is taken back at once: where there is no EGL, a process that inherited it could not load MuJoCo.
+    The choice is taken back at once, and what it brought into the environment: where there is no EGL, a process that
+    inherited it could not load MuJoCo.
     """
+    chosen = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
+    if sys.platform != "linux" or any(os.environ.get(name) for name in chosen):
+        yield
+        return
+    before = {name: os.environ.get(name) for name in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
     os.environ["MUJOCO_GL"] = "egl"
     try:
         yield
     finally:
-        del os.environ["MUJOCO_GL"]
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -32,7 +32,7 @@ ARGUMENTS: Final = ("substep", "action_noise", "terminate_on_goal", "observation
 ELSEWHERE: Final = {
     **dict.fromkeys(("n_substeps", "num_substeps", "frame_skip", "frameskip", "action_repeat"), "substep"),
     **dict.fromkeys(("noise", "noise_std", "action_noise_std", "sigma"), "action_noise"),
-    **dict.fromkeys(("terminate_on_success", "terminate", "continuing_task"), "terminate_on_goal"),
+    **dict.fromkeys(("terminate_on_success", "terminate"), "terminate_on_goal"),
 }
 """What other projects call the arguments of these tasks."""
 
