@@ -59,8 +59,8 @@ def _refuse_seed(seed: Any) -> None:
     seeds = seed if isinstance(seed, Sequence) else [seed]
     if any(one is not None for one in seeds):
         raise ValueError(
-            f"seed is {seed!r}, but recorded steps have been taken, and only a reset() before them may be seeded: later "
-            "episodes go on with its stream. Call reset() without a seed."
+            f"seed is {seed!r}, but recorded steps have been taken, and only a reset() before them may be seeded: "
+            "later episodes go on with its stream. Call reset() without a seed."
         )
 
 
