@@ -171,3 +171,6 @@ def test_comparisons_and_boards_go_by_auc(rising: list[RunRecord], make_record: 
     [one] = leaderboard.compare(rising, entries[:1])
     ours, theirs = (sum(run.scores.auc for run in runs) / 5 for runs in (rising, late))
     assert one.overall.difference == pytest.approx(ours - theirs)
+    ours, theirs = (sum(sorted(run.scores.auc for run in runs)[1:4]) / 3 for runs in (rising, late))
+    assert one.overall_iqm.difference == pytest.approx(ours - theirs)
+    assert one.overall_iqm.interval != one.overall.interval

@@ -38,7 +38,7 @@ Columns = Mapping[str, Mapping[int, Scores]]
 
 
 class Difference(Data):
-    """Mean AUC of the runs, of the entry, and the first minus the second with its 95 % interval."""
+    """The AUC of the runs, of the entry, and the first minus the second with its 95 % interval: means, or IQMs."""
 
     task: str
     runs: float
@@ -60,6 +60,7 @@ class Comparison(Data):
     entry_seeds: int
     tasks: tuple[Difference, ...]
     overall: Difference
+    overall_iqm: Difference
     notes: tuple[str, ...]
 
 
@@ -140,6 +141,7 @@ def _compare(
         entry_seeds=len(reference[names[0]]),
         tasks=tuple(_difference(name, {name: columns[name]}, {name: reference[name]}) for name in names),
         overall=_difference("all", columns, reference),
+        overall_iqm=_difference("all", columns, reference, metrics.iqm),
         notes=tuple(notes),
     )
 
@@ -182,15 +184,17 @@ def _columns(results: Sequence[Result], tasks: Sequence[str]) -> Columns:
     return {task: {result.seed: result.scores for result in results if result.task.name == task} for task in tasks}
 
 
-def _difference(task: str, ours: Columns, theirs: Columns) -> Difference:
+def _difference(task: str, ours: Columns, theirs: Columns, statistic: metrics.Statistic = metrics.mean) -> Difference:
     scores, reference = matrix(ours, "auc"), matrix(theirs, "auc")
-    runs, entry = float(metrics.mean(scores)), float(metrics.mean(reference))
+    runs, entry = float(statistic(scores)), float(statistic(reference))
     return Difference(
         task=task,
         runs=runs,
         entry=entry,
         difference=runs - entry,
-        interval=metrics.difference_interval(scores, reference, np.random.default_rng(BOOTSTRAP_SEED)),
+        interval=metrics.difference_interval(
+            scores, reference, np.random.default_rng(BOOTSTRAP_SEED), statistic=statistic
+        ),
     )
 
 
@@ -220,18 +224,19 @@ def _grid(comparisons: Sequence[Comparison]) -> Grid:
     return Grid(
         title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seed{'s' * (first.seeds > 1)}, mean AUC "
         f"{number(first.overall.runs)}) minus each entry of suite {first.suite}, version {first.suite_version}",
-        header=["Entry", "Seeds", "Its AUC", *(difference.task for difference in first.tasks), "Mean AUC"],
+        header=["Entry", "Seeds", "Its AUC", *(difference.task for difference in first.tasks), "Mean AUC", "IQM"],
         rows=[
             [
                 _marked(one.entry, one.entry_privileged),
                 str(one.entry_seeds),
                 number(one.overall.entry),
-                *(_text(difference) for difference in (*one.tasks, one.overall)),
+                *(_text(difference) for difference in (*one.tasks, one.overall, one.overall_iqm)),
             ]
             for one in comparisons
         ],
         footnotes=[
-            "Difference of mean AUC with its 95 % stratified-bootstrap interval, paired by task; more is better.",
+            "Difference of mean AUC, and of its IQM, with 95 % stratified-bootstrap intervals, paired by task; more is "
+            "better.",
             *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
             *([PRIVILEGED] if marked else []),
             *dict.fromkeys(note for one in comparisons for note in one.notes),
