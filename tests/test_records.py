@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -221,6 +222,14 @@ def test_standard_output_may_be_named(tmp_path: Path, way: str) -> None:
     command = f'"{sys.executable}" -c "{code}" {way} log; printf " after" >> log'
     subprocess.run(["bash", "-c", command], cwd=tmp_path, check=True)
     assert (tmp_path / "log").read_text() == "before text after"
+
+
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="needs a file system below /dev")
+def test_a_folder_of_runs_may_lie_in_memory() -> None:
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        for content in (b"one", b"two"):
+            records.write_bytes(Path(folder) / "new" / "file", content)
+        assert (Path(folder) / "new" / "file").read_bytes() == b"two"
 
 
 def test_files_are_as_readable_as_the_umask_says(written: Path) -> None:

@@ -12,7 +12,7 @@ import secrets
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypeVar
+from typing import Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
@@ -120,12 +120,15 @@ def write(path: Path, data: Data) -> None:
     write_bytes(path, (data.model_dump_json(indent=1) + "\n").encode())
 
 
+STREAMS: Final = (Path("/dev"), Path("/dev/fd"))  # not /dev/shm, where folders of runs may well be
+
+
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a temporary file beside `path`, flush it to the disk, and rename it.
 
     A link is followed, and a device or a pipe, such as /dev/stdout, written to: neither is replaced.
     """
-    if path.is_relative_to("/dev") or (path.exists() and not path.is_file()):
+    if path.parent in STREAMS or (path.exists() and not path.is_file()):
         with path.open("ab") as stream:  # a file that standard output goes to keeps what it has
             stream.write(content)
         return

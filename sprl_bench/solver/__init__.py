@@ -22,20 +22,20 @@ __all__ = ["State", "distances", "distances_to_goal", "optimal_actions", "parse"
 
 def distances_to_goal(observations: Cells) -> Integers:
     """Return the number of steps to the goal on a shortest path, int64 [N], from observations uint8 [N, S, S, 3]."""
-    observations = checked_maps(observations)
-    out = np.empty(len(observations), np.int64)
-    actions = np.empty(len(observations), np.int64)
-    solve_all(observations, out, actions)
-    return out
+    return _solved(observations)[0]
 
 
 def optimal_actions(observations: Cells) -> Integers:
     """Return the first action of a shortest path to the goal, int64 [N]; "done" where there is no path to go."""
+    return _solved(observations)[1]
+
+
+def _solved(observations: Cells) -> tuple[Integers, Integers]:
+    """Return the distances to the goal and the first actions, int64 [N] each."""
     observations = checked_maps(observations)
-    out = np.empty(len(observations), np.int64)
-    actions = np.empty(len(observations), np.int64)
+    out, actions = np.empty((2, len(observations)), np.int64)
     solve_all(observations, out, actions)
-    return actions
+    return out, actions
 
 
 def shortest_path(observation: Cells) -> Integers:
