@@ -211,6 +211,12 @@ def test_bad_choices_are_named(suite: str, budget: Any, message: str) -> None:
         choose_task(FOUR_ROOMS, suite, budget)
 
 
+@pytest.mark.parametrize("score_range", [5, (0,), (1, 0), (0, float("nan")), "ab"])
+def test_a_range_is_two_numbers_in_order(score_range: Any) -> None:
+    with pytest.raises(ValueError, match=r"^score_range is .*; it must be two numbers, the lowest and the highest"):
+        choose_task(Identity("Any-v0", {}, {}), None, 500, score_range)
+
+
 def test_a_suite_without_the_task_says_which_it_has() -> None:
     with pytest.raises(ValueError, match="suite 'smoke' has no task SPRL/KeyDoors-7x7-v1; its tasks are FourRooms-7x7"):
         choose_task(Identity("SPRL/KeyDoors-7x7-v1", {}, {}), "smoke", 100)

@@ -7,6 +7,7 @@ does: above the recorder it can do no harm to a score, and that is where it belo
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -35,8 +36,8 @@ HARMLESS: Final = (
 OF_MAKING: Final = frozenset(
     ("render_mode", "num_envs", "vectorization_mode", "vector_kwargs", "wrappers", "max_episode_steps")
 )
-PLAIN: Final = bool | int | float | str
 OF_SHOWING: Final = frozenset(("autoreset_mode", "num_threads", "copy", "observation"))
+PLAIN: Final = bool | int | float | str
 ADVICE: Final = "record what gymnasium.make returned, and wrap what record() returns."
 
 
@@ -190,9 +191,9 @@ def choose_task(
     if named and found is None:
         tasks = ", ".join(task.name for task in suites[0].tasks)
         raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
-    given_range = None if score_range is None else tuple(score_range)
+    given_range = None if score_range is None else _checked_range(score_range)
     if found is not None and given_range not in (None, found[1].score_range):
-        raise ValueError(f"score_range is {given_range}, but that of {found[1].name} is {found[1].score_range}.")
+        raise ValueError(f"score_range is {score_range!r}, but that of {found[1].name} is {found[1].score_range}.")
     if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
         return found
     if budget is None:
@@ -201,12 +202,22 @@ def choose_task(
     return CUSTOM, with_budget(task, int(budget))
 
 
+def _checked_range(score_range: Any) -> tuple[float, float]:
+    try:
+        low, high = (float(end) for end in score_range)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not low < high:
+        raise ValueError(f"score_range is {score_range!r}; it must be two numbers, the lowest and the highest return.")
+    return low, high
+
+
 def _described(identity: Identity) -> str:
     arguments = "".join(f", {name}={value!r}" for name, value in identity.arguments.items())
     return f"{identity.env_id}{arguments}"
 
 
-def _task_of_its_own(identity: Identity, score_range: tuple[float, ...]) -> Task:
+def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Task:
     """Return a task of no suite, its arguments in its name."""
     domains = [task.domain for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
     defaults = identity.defaults
@@ -218,5 +229,5 @@ def _task_of_its_own(identity: Identity, score_range: tuple[float, ...]) -> Task
         budget=1,
         domain=domains[0] if domains else CUSTOM.name,
         arguments=changed,
-        score_range=score_range,  # type: ignore[arg-type] # the record's type counts them
+        score_range=score_range,
     )
