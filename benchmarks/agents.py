@@ -55,7 +55,7 @@ def _against_ppo(agent: str, times: float) -> Row:
 
 def _turns(agent: str) -> Contender:
     factory = load_factory(agent)
-    settings = factory.hyperparameters("grid", SAME_STEPS[agent])  # type: ignore[attr-defined]
+    settings = factory.hyperparameters("grid", SAME_STEPS[agent])  # type: ignore[attr-defined] # all of ours have presets
     envs = gymnasium.make_vec(TASK, num_envs=settings["num_envs"], num_threads=1)
     envs.reset(seed=0)
     updates = factory(seed=0, **settings).train(envs, budget=10**9)

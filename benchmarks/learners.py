@@ -53,7 +53,7 @@ def sb3_ppo(
 ) -> Contender:
     """Return turns of Stable-Baselines3's learner on its `DummyVecEnv`, with the settings that both know."""
     from stable_baselines3 import PPO  # noqa: PLC0415 - optional
-    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415
+    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415 - an extra
 
     model = PPO(
         policy,

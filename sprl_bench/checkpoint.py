@@ -51,7 +51,7 @@ def load(path: Path) -> dict[str, Any]:
         BrokenCheckpointError: The file is truncated, altered, or no checkpoint.
         FileNotFoundError: There is no such file.
     """
-    from safetensors import SafetensorError, safe_open  # noqa: PLC0415
+    from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - loaded when needed
 
     path.stat()  # raises FileNotFoundError
     try:

@@ -1,8 +1,9 @@
-"""What a run ran on: versions, git commit, hardware, memory."""
+"""What a run ran on: versions, code, hardware, memory."""
 
 from __future__ import annotations
 
 import functools
+import hashlib
 import os
 import platform
 import re
@@ -16,7 +17,7 @@ import psutil
 
 from sprl_bench.records import Hardware
 
-__all__ = ["computing", "git_commit", "hardware", "installed", "peak_memory_mib", "versions"]
+__all__ = ["agent_code", "computing", "git_commit", "hardware", "installed", "peak_memory_mib", "versions"]
 
 
 def versions() -> dict[str, str]:
@@ -65,6 +66,27 @@ def _git(*arguments: str) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()
+
+
+def agent_code(source: str) -> str | None:
+    """Return the hash of the file of an agent that is named by it, or of the script: 16 hexadecimal digits.
+
+    No version need stand for such a file. What it imports does not count.
+
+    Args:
+        source: "package.module:attribute", whose module has been loaded; empty for the script that is running.
+
+    Returns:
+        None for an agent that has a name of its own, and where there is no file, as in a notebook.
+    """
+    if source and ":" not in source:
+        return None
+    module = sys.modules.get(source.partition(":")[0] or "__main__")
+    file = getattr(module, "__file__", None)
+    try:
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] if file else None
+    except OSError:
+        return None
 
 
 def hardware() -> Hardware:

@@ -48,25 +48,29 @@ class Actor:
     arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
 
 
-def find_actor(name: str | Path | Policy) -> Actor:
+def find_actor(name: str | Path | Policy, agent: str | None = None) -> Actor:
     """Return who is called `random`, `still`, `solver`, "package.module:function", or by the folder of a run.
 
     Args:
         name: That, or a function of one's own, which takes an observation and returns an action.
+        agent: Where the run's agent is none of the installed ones: its "package.module:factory". A run's files may be
+            anyone's, so no code is loaded because they name it.
 
     Raises:
         ValueError: Nobody is.
         ModuleNotFoundError: The module, or something that it needs, is not installed.
-        UnplayableRunError: The folder is a run's, but its agent cannot be brought back.
+        UnplayableRunError: The folder is a run's, but its agent cannot be brought back, or has to be named.
     """
     if isinstance(name, Path):
         name = str(name)
     if not isinstance(name, str):
         return _given(name)
+    if (Path(name) / SPEC).is_file() and name not in _NAMED:
+        return _trained(Path(name), agent)
+    if agent is not None:
+        raise ValueError(f"agent is {agent!r}; it goes with the folder of a run, not with policy {name!r}.")
     if name in _NAMED:
         return Actor(_NAMED[name])
-    if (Path(name) / SPEC).is_file():
-        return _trained(Path(name))
     if ":" in name:
         return _given(_import(name))
     raise ValueError(
@@ -137,13 +141,19 @@ NAMES: Final = tuple(_NAMED)
 def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     """Return the folder, `root` or below it, of the only run in this environment, by this agent if one is named.
 
+    The agent is named as in tables, or as "package.module:factory".
+
     Raises:
         ValueError: There are several.
         FileNotFoundError: There is none; those that a script recorded do not count.
         InvalidFileError: The spec of a run there is broken.
     """
     specs = {path.parent: read(path, RunSpec) for path in sorted(root.rglob(SPEC))}
-    folders = [folder for folder, spec in specs.items() if spec.task.env_id == env_id and agent in (None, spec.agent)]
+    folders = [
+        folder
+        for folder, spec in specs.items()
+        if spec.task.env_id == env_id and (agent in (None, spec.agent) or (":" in spec.source and agent == spec.source))
+    ]
     wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
     if not folders:
         hint = " Runs that a script recorded are passed over: they keep no agent." if _holds_scripts(root) else ""
@@ -159,9 +169,16 @@ def _holds_scripts(root: Path) -> bool:
     return not any(root.rglob(SPEC)) and any(root.rglob(RECORD))
 
 
-def _trained(folder: Path) -> Actor:
+def _trained(folder: Path, agent: str | None) -> Actor:
     """Return the agent of a run, as it was in the end, or at the last checkpoint of one that has not ended."""
     spec = read(folder / SPEC, RunSpec)
+    if ":" in spec.source and spec.source != agent:
+        raise UnplayableRunError(
+            f"{folder} says that its agent is {spec.source!r}: code of your own is loaded only where you name it, as "
+            f"--agent {spec.source} or agent={spec.source!r}."
+        )
+    if agent not in (None, spec.agent, spec.source):
+        raise ValueError(f"agent is {agent!r}, but {folder} is a run of {spec.agent!r}.")
     saved = [folder / name for name in (CHECKPOINT, WEIGHTS) if (folder / name).exists()]
     if not saved:
         raise UnplayableRunError(

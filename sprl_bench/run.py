@@ -155,6 +155,7 @@ class _Session:
         self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
         self._commits = [machine.git_commit()]
         factory = load_factory(spec.source or spec.agent)
+        self._code, self._processor = machine.agent_code(spec.source), machine.hardware().cpu
         opened.enter_context(_process_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
@@ -202,6 +203,8 @@ class _Session:
             "spec": self.spec.model_dump_json(),
             "versions": machine.versions(),
             "git_commits": self._commits,
+            "agent_code": self._code,
+            "processor": self._processor,
             "wall_time_s": self._wall_time_s,
             "peak_memory_mib": max(self._earlier_peak_mib, machine.peak_memory_mib()),
             "metrics_bytes": self._metrics.tell(),
@@ -243,6 +246,17 @@ class _Session:
             raise CheckpointRefusedError(
                 f"{path} was made with {'; '.join(other)}: install what was there, or remove it to start over."
             )
+        if state.get("agent_code", self._code) != self._code:
+            raise CheckpointRefusedError(
+                f"{path} was made with other code of {self.spec.source}: bring that back, or remove it to start over."
+            )
+        if (processor := state.get("processor", self._processor)) != self._processor:
+            logger.warning(
+                "%s was made on another processor (%s then, %s now): the last bits of what follows may differ.",
+                path,
+                processor,
+                self._processor,
+            )
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         try:
@@ -268,6 +282,7 @@ class _Session:
             wall_time_s=self._wall_time_s,
             peak_memory_mib=self._earlier_peak_mib,
             git_commit=_joined([commit for commit in self._commits if commit]),
+            agent_code=self._code,
         )
         (self._folder / CHECKPOINT).unlink(missing_ok=True)
         return record
@@ -291,19 +306,30 @@ def _joined(commits: Sequence[str]) -> str | None:
 
 @contextlib.contextmanager
 def _process_set_up(spec: RunSpec) -> Iterator[None]:
-    """Set what belongs to the process, if the agent has loaded torch: threads, and denormal numbers counted as 0."""
+    """Set what belongs to the process, if the agent has loaded torch.
+
+    That is threads, denormal numbers counted as 0, and on a GPU the algorithms that give the same bits each time, as
+    far as torch has them; it warns of the others.
+    """
     torch = sys.modules.get("torch")
     if torch is None:
         yield
         return
     threads, flushed = torch.get_num_threads(), float.fromhex("0x1p-1022") * 0.5 == 0.0
+    deterministic, warns = (
+        torch.are_deterministic_algorithms_enabled(),
+        torch.is_deterministic_algorithms_warn_only_enabled(),
+    )
     torch.set_num_threads(spec.torch_threads)
     torch.set_flush_denormal(True)
+    if spec.device != "cpu":
+        torch.use_deterministic_algorithms(True, warn_only=True)
     try:
         yield
     finally:
         torch.set_num_threads(threads)
         torch.set_flush_denormal(flushed)
+        torch.use_deterministic_algorithms(deterministic, warn_only=warns)
 
 
 class _Signals:

@@ -10,9 +10,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
+from sprl_bench.metrics import BINS
 from sprl_bench.suggestions import unknown
 
-__all__ = ["CUSTOM", "SUITES", "Suite", "Task", "find_suite", "match_task", "with_budget"]
+__all__ = ["CUSTOM", "SUITES", "Suite", "Task", "find_suite", "match_task", "too_wide", "with_budget"]
 
 Argument = bool | int | float | str
 
@@ -28,6 +29,7 @@ class Task:
         domain: The family that agents keep presets for, such as "grid".
         arguments: Keyword arguments of the environment.
         score_range: Lowest and highest return of an episode.
+        max_num_envs: The most sub-environments that a published run may have; None where nothing is published.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Task:
     domain: str
     arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
     score_range: tuple[float, float] = (0.0, 1.0)
+    max_num_envs: int | None = None
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,22 @@ class Suite:
         raise ValueError(unknown(f"task of suite {self.name!r}:", name, [task.name for task in self.tasks]))
 
 
+def _max_num_envs(budget: int, horizon: int) -> int:
+    """Return the most sub-environments whose first full episodes all end within the first bin of the curve.
+
+    Until they do, nothing but quick successes ends, and the curve is too high (docs/scores.md).
+    """
+    return budget // (BINS * horizon)
+
+
 def _grid(name: str, budget: int) -> Task:
-    return Task(name=name, env_id=f"SPRL/{name}-v1", budget=budget, domain="grid")
+    return Task(
+        name=name,
+        env_id=f"SPRL/{name}-v1",
+        budget=budget,
+        domain="grid",
+        max_num_envs=_max_num_envs(budget, horizon=100),
+    )
 
 
 def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
@@ -67,7 +84,14 @@ def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
     suffixes = [f"{argument.removeprefix('action_')}{value}" for argument, value in arguments.items()]
     name = "-".join([f"Fetch{task}", *suffixes])
     env_id = f"SPRL/Fetch{task}Sparse-v1"
-    return Task(name=name, env_id=env_id, budget=budget, domain="fetch", arguments=MappingProxyType(arguments))
+    return Task(
+        name=name,
+        env_id=env_id,
+        budget=budget,
+        domain="fetch",
+        arguments=MappingProxyType(arguments),
+        max_num_envs=_max_num_envs(budget, horizon=round(1000 / arguments.get("substep", 20))),
+    )
 
 
 _GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
@@ -100,7 +124,7 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
                     for task, substep in _FETCH_SUBSTEPS.items()
                 ),
             ),
-            Suite("smoke", 1, (_grid("FourRooms-7x7", 20_000),)),
+            Suite("smoke", 1, (replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None),)),  # is no benchmark
         )
     }
 )
@@ -112,7 +136,7 @@ CUSTOM = Suite("custom", 0, ())
 
 def with_budget(task: Task, budget: int) -> Task:
     """Return the task under another budget, which becomes part of its name."""
-    return replace(task, name=f"{task.name}-{budget}", budget=budget)
+    return replace(task, name=f"{task.name}-{budget}", budget=budget, max_num_envs=None)
 
 
 def find_suite(name: str) -> Suite:
@@ -124,6 +148,17 @@ def find_suite(name: str) -> Suite:
     if name not in SUITES:
         raise ValueError(unknown("suite", name, SUITES))
     return SUITES[name]
+
+
+def too_wide(suite: str, task: str, num_envs: int) -> str:
+    """Return why a run on so many sub-environments cannot be published, in one clause; empty where it can."""
+    most = {row.name: row.max_num_envs for row in SUITES[suite].tasks}.get(task) if suite in SUITES else None
+    if most is None or num_envs <= most:
+        return ""
+    return (
+        f"{num_envs} sub-environments on {task} are more than the {most} that a leaderboard takes: until each has had "
+        "a full episode, nothing but quick successes can end, and that must not last longer than one bin of the curve"
+    )
 
 
 def match_task(

@@ -94,6 +94,7 @@ def record_video(
     output: Path | str,
     *,
     policy: str | Policy = "random",
+    agent: str | None = None,
     arguments: Mapping[str, Argument] = MappingProxyType({}),
     episodes: int = 1,
     seed: int = 0,
@@ -105,13 +106,14 @@ def record_video(
         output: A .mp4 or .gif file; one that is there is replaced.
         policy: Who acts: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a
             function that takes an observation and returns an action.
+        agent: The "package.module:factory" of a run's agent, where it is none of the installed ones.
         arguments: Of the environment; the others are those of the run, or the defaults.
         episodes: How many, one after the other.
         seed: Of the environment and of the random policy.
 
     Raises:
         ValueError: The id, an argument, the policy, a number or the file's suffix is not allowed.
-        UnplayableRunError: The policy is a run whose agent cannot be brought back.
+        UnplayableRunError: The policy is a run whose agent cannot be brought back, or has to be named.
         CannotDrawError: Pictures cannot be drawn on this machine.
         OSError: The file cannot be written.
         ModuleNotFoundError: The extra `video`, or what the environment needs, is not installed.
@@ -119,7 +121,7 @@ def record_video(
     path = Path(output)
     made = _format(path)
     _check_numbers(episodes, seed)
-    actor = find_actor(policy)
+    actor = find_actor(policy, agent)
     with contextlib.closing(_make(env_id, {**actor.arguments, **arguments})) as env:
         play = actor.begin(env, seed)
         steps_a_second = env.metadata.get("render_fps", made.most_frames)
@@ -195,4 +197,4 @@ def _draw(env: Env) -> NDArray[Any]:
         raise CannotDrawError(
             f"Pictures cannot be drawn here ({type(error).__name__}: {error}); sprl-bench doctor says more."
         ) from error
-    return picture  # type: ignore[no-any-return]
+    return picture  # type: ignore[no-any-return] # render() has no types

@@ -15,7 +15,7 @@ ALLOWED = {
     "sprl_bench.envs": set(),
     "sprl_bench.solver": {"sprl_bench.envs"},
     "sprl_bench.theory": {"sprl_bench.envs", "sprl_bench.solver"},
-    "sprl_bench.tasks": set(),
+    "sprl_bench.tasks": {"sprl_bench.metrics"},
     "sprl_bench.metrics": set(),
     "sprl_bench.records": DATA,
     "sprl_bench.agents": set(),
@@ -86,6 +86,23 @@ def test_every_module_of_the_core_has_a_room() -> None:
         name for name in MODULES if _room(name) is None and not any(_within(name, f) for f in free - {"sprl_bench"})
     ]
     assert set(homeless) <= free
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_a_module_lists_what_it_shows(module: str) -> None:
+    body = ast.parse(MODULES[module].read_text()).body
+    shows = [
+        node.name
+        for node in body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_") and not _is_command(node)
+    ]
+    lists = any(isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__" for node in body)
+    assert lists or not shows
+
+
+def _is_command(node: ast.ClassDef | ast.FunctionDef) -> bool:
+    """Whether it is a command of the command line, which nobody imports."""
+    return any("command(" in ast.unparse(decorator) for decorator in node.decorator_list)
 
 
 def test_there_are_no_circles() -> None:

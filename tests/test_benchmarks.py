@@ -10,6 +10,7 @@ import pytest
 import torch
 
 import sprl_bench  # noqa: F401 - registers the ids
+from benchmarks import workers
 from benchmarks.agents import SAME_STEPS
 from benchmarks.sweep_agents_grid import SETTINGS
 from benchmarks.sweeps import Sweep
@@ -75,3 +76,11 @@ def test_a_bonus_that_weighs_nothing_leaves_the_learner_as_it_is(agent: str) -> 
 
     for ours, theirs in zip(learned(agent).values(), learned("ppo").values(), strict=True):
         assert torch.equal(ours, theirs)
+
+
+def test_two_workers_train_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "BUDGET", 1_536)
+    assert workers._train(seeds=2, workers=2) == 2 * 1_536
+    monkeypatch.setattr(workers, "BUDGET", -1)
+    with pytest.raises(ValueError, match="budget"):
+        workers._train(seeds=1, workers=1)

@@ -15,7 +15,7 @@ import pytest
 
 from sprl_bench import leaderboard
 from sprl_bench.leaderboard import Entry
-from sprl_bench.records import Hardware, InvalidFileError, RunRecord, Scores, TaskSpec
+from sprl_bench.records import Hardware, InvalidFileError, RunRecord, Scores, TaskSpec, write
 from sprl_bench.tables import FORMATS, SCORED_PACKAGES, IncomparableError, MissingRunsError, render
 
 MakeRecord = Callable[..., RunRecord]
@@ -124,6 +124,38 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
         changed = last.model_copy(update={"spec": last.spec.model_copy(update={field: value})})
         with pytest.raises(IncomparableError, match=told):
             make_entry([*runs()[:4], changed])
+
+
+def test_an_entry_keeps_the_share_of_abandoned_episodes(make_record: MakeRecord) -> None:
+    runs = [make_record(seed=seed) for seed in range(5)]
+    runs[2] = runs[2].model_copy(update={"totals": runs[2].totals.model_copy(update={"abandoned": 7})})
+    entry = make_entry(runs)
+    assert [result.abandoned_share for result in entry.tasks[0].results] == [0, 0, 0.07, 0, 0]
+    assert [note for note in leaderboard.board([entry]).notes if note.startswith("ppo reset up to 7%")]
+
+
+def test_an_entry_that_breaks_its_board_is_not_valid(home: Path, grid_7x7: list[RunRecord]) -> None:
+    odd = make_entry([record.model_copy(update={"fingerprint": "f" * 16}) for record in grid_7x7])
+    path = home / "grid-7x7" / "ppo.json"
+    path.unlink()
+    write(path, odd)
+    others = [other for other in path.parent.glob("*.json") if other != path]
+    complaints = leaderboard.validate([path, *others])
+    assert len(complaints) == 1 + len(others)
+    told = f"{path}:1: beside random.json: suite 'grid-7x7', task {FOUR}: environment fingerprint differs: "
+    assert complaints[0].startswith(told)
+    path.unlink()
+    (path.parent / "dangling.json").symlink_to("nowhere")
+    assert leaderboard.validate(others) == []
+
+
+def test_an_agents_code_is_one(make_record: MakeRecord) -> None:
+    runs = [make_record(seed=seed, agent_code="aa" if seed else "bb") for seed in range(5)]
+    with pytest.raises(IncomparableError, match="one version of its agent's code; ppo's file changed between runs"):
+        make_entry(runs)
+    scripts = [run.model_copy(update={"spec": run.spec.model_copy(update={"source": ""})}) for run in runs]
+    assert make_entry(scripts).agent_codes == ("aa", "bb")
+    assert make_entry([make_record(seed=seed, agent_code="aa") for seed in range(5)]).agent_codes == ("aa",)
 
 
 def test_scripts_have_as_many_threads_as_their_machines(make_record: MakeRecord) -> None:
@@ -449,10 +481,6 @@ def test_the_schema_in_the_repository_is_that_of_the_types() -> None:
     """If this fails: sprl-bench leaderboard schema -o leaderboards/schema.json."""
     assert (ROOT / "leaderboards" / "schema.json").read_text() == leaderboard.schema()
     assert leaderboard.home() == ROOT / "leaderboards"
-
-
-def test_every_published_entry_is_valid() -> None:
-    assert leaderboard.validate(sorted((ROOT / "leaderboards").glob("*/*.json"))) == []
 
 
 def test_a_wheel_carries_its_boards_its_pins_and_its_types(tmp_path: Path) -> None:

@@ -122,6 +122,26 @@ def test_the_last_bits_of_a_simulator_do_not(lamp: str, monkeypatch: pytest.Monk
     assert of(lamp) == before
 
 
+@pytest.mark.parametrize("task", [*SUITES["fetch"].tasks, SUITES["fetch-sparse"].tasks[2]], ids=lambda task: task.name)
+def test_contact_does_not_make_the_last_bits_matter(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = of(task.env_id, **task.arguments)
+    kind = type(gymnasium.make(task.env_id).unwrapped)
+    reset = kind.reset
+
+    for joint in (0, 7, -7):
+
+        def nudged(
+            self: Any, *, seed: int | None = None, options: dict[str, Any] | None = None, joint: int = joint
+        ) -> Any:
+            seen = reset(self, seed=seed, options=options)
+            position = self.simulation.data.qpos
+            position[joint] = np.nextafter(position[joint], np.inf)
+            return seen
+
+        monkeypatch.setattr(kind, "reset", nudged)
+        assert of(task.env_id, **task.arguments) == before
+
+
 def test_it_is_computed_once_a_process(lamp: str, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = TaskSpec(name="task", env_id=lamp, budget=1, domain="test")
     first = fingerprint(spec)

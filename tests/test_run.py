@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import os
@@ -21,7 +22,15 @@ from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.recorder import make_envs
 from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
-from sprl_bench.run import CheckpointRefusedError, InterruptedRunError, SpecChangedError, _joined, env_seed, run
+from sprl_bench.run import (
+    CheckpointRefusedError,
+    InterruptedRunError,
+    SpecChangedError,
+    _joined,
+    _process_set_up,
+    env_seed,
+    run,
+)
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
 
 pytestmark = pytest.mark.usefixtures("fakes")
@@ -291,6 +300,45 @@ def test_a_package_that_is_loaded_later_is_looked_at_too(tmp_path: Path, monkeyp
     monkeypatch.setattr(machine, "installed", {"numpy": "9.9"}.get)
     with pytest.raises(CheckpointRefusedError, match=r"numpy \S+ then, 9\.9 now"):
         run(make_spec(), tmp_path)
+
+
+def test_a_checkpoint_of_other_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "edited_agent.py"
+    file.write_text("from harness_fakes import walker\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    spec = make_spec().model_copy(update={"source": "edited_agent:walker"})
+    path = interrupted(spec, tmp_path)
+    before = path.read_bytes()
+    file.write_text("from harness_fakes import walker  # and something else\n")
+    with pytest.raises(CheckpointRefusedError, match="made with other code of edited_agent:walker: bring that back"):
+        run(spec, tmp_path)
+    assert path.read_bytes() == before
+    file.write_text("from harness_fakes import walker\n")
+    assert run(spec, tmp_path).agent_code == hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+
+
+def test_an_installed_agent_has_no_code_of_its_own() -> None:
+    assert machine.agent_code("ppo") is None
+    assert machine.agent_code("") == machine.agent_code("__main__:script")
+    assert machine.agent_code("not.loaded:agent") is None
+
+
+def test_another_processor_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    interrupted(make_spec(), tmp_path)
+    here = machine.hardware()
+    monkeypatch.setattr(machine, "hardware", lambda: here.model_copy(update={"cpu": "Abacus"}))
+    assert run(make_spec(), tmp_path).status == "complete"
+    assert f"was made on another processor ({here.cpu} then, Abacus now)" in caplog.text
+
+
+@pytest.mark.parametrize(("device", "wanted"), [("cpu", False), ("cuda", True)])
+def test_a_gpu_has_to_give_the_same_bits(device: str, wanted: bool) -> None:
+    torch = pytest.importorskip("torch")
+    with _process_set_up(make_spec().model_copy(update={"device": device})):
+        assert torch.are_deterministic_algorithms_enabled() is wanted
+    assert not torch.are_deterministic_algorithms_enabled()
 
 
 def test_steps_and_time_are_the_harness_s_own(tmp_path: Path) -> None:

@@ -360,6 +360,23 @@ def test_other_numbers_of_sub_environments_are_said_aloud(make_record: MakeRecor
         tabulate([many, other])
 
 
+def test_an_agents_changed_code_is_said_aloud(make_record: MakeRecord) -> None:
+    records = [make_record("ppo", seed=seed, agent_code=code) for seed, code in enumerate(("aa", "bb", "aa"))]
+    assert tabulate(records)[0].notes[0] == "The code of ppo changed between its runs: aa, bb."
+    assert not [note for note in tabulate([records[0], records[2]])[0].notes if "code" in note]
+    assert not [note for note in tabulate([records[0], make_record("icm", agent_code="cc")])[0].notes if "code" in note]
+
+
+def test_many_abandoned_episodes_are_said_aloud(make_record: MakeRecord) -> None:
+    def left(number: int, seed: int) -> RunRecord:
+        record = make_record("ppo", seed=seed)
+        return record.model_copy(update={"totals": record.totals.model_copy(update={"abandoned": number})})
+
+    assert tabulate([left(1, 0), left(0, 1)])[0].notes == ()
+    told = "ppo reset up to 12% of a run's episodes before their end on FourRooms-7x7; they count as failures."
+    assert tabulate([left(12, 0), left(3, 1)])[0].notes == (told,)
+
+
 def test_other_package_versions_are_said_aloud(make_record: MakeRecord) -> None:
     versions = {"numpy": "2.4.6", "torch": "2.13.0", "rich": "15.0"}
     records = [make_record("ppo", versions=versions), make_record("icm", versions={**versions, "numpy": "2.3"})]

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.usefixtures("fakes")
 
 GRID = "SPRL/FourRooms-7x7-v1"
 FETCH = "SPRL/FetchReachSparse-v1"
+OWN, WALKER = "film_fakes:actor", "harness_fakes:walker"
 Capture = pytest.CaptureFixture[str]
 
 
@@ -175,11 +176,13 @@ def interrupt(spec: RunSpec, out: Path) -> Path:
 def test_what_an_agent_has_learned_acts(tmp_path: Path) -> None:
     folder = interrupt(make_spec(), tmp_path / "runs")
     env = gymnasium.make(GRID, render_mode="rgb_array")
-    assert find_actor(str(folder)).begin(env, 0)(None) == 2  # ahead: it has the state of one update
-    [episode] = record_video(GRID, tmp_path / "a.gif", policy=str(folder), arguments={"max_episode_steps": 3})
+    assert find_actor(str(folder), OWN).begin(env, 0)(None) == 2  # ahead: it has the state of one update
+    [episode] = record_video(
+        GRID, tmp_path / "a.gif", policy=str(folder), agent=OWN, arguments={"max_episode_steps": 3}
+    )
     assert episode.steps <= 3
     with pytest.raises(ValueError, match=r"is a run in SPRL/FourRooms-7x7-v1, not in SPRL/KeyDoors-7x7-v1"):
-        record_video("SPRL/KeyDoors-7x7-v1", tmp_path / "b.gif", policy=str(folder))
+        record_video("SPRL/KeyDoors-7x7-v1", tmp_path / "b.gif", policy=str(folder), agent=OWN)
 
 
 def test_a_finished_run_keeps_what_its_agent_has_learned(tmp_path: Path) -> None:
@@ -187,7 +190,7 @@ def test_a_finished_run_keeps_what_its_agent_has_learned(tmp_path: Path) -> None
     run(spec, tmp_path)
     folder = spec.path(tmp_path)
     assert not (folder / "checkpoint.safetensors").exists()
-    assert find_actor(str(folder)).begin(gymnasium.make(GRID), 0)(None) == 2
+    assert find_actor(str(folder), OWN).begin(gymnasium.make(GRID), 0)(None) == 2
 
 
 def test_a_run_is_recorded_even_if_its_agent_cannot_show_what_it_has_learned(
@@ -208,18 +211,18 @@ def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None
     folder = spec.path(tmp_path)
     write(folder / "spec.json", spec)
     (folder / "checkpoint.safetensors").touch()
-    assert find_actor(str(folder)).arguments == {"substep": 250}
+    assert find_actor(str(folder), OWN).arguments == {"substep": 250}
 
 
 def test_a_run_that_cannot_act_says_why(tmp_path: Path) -> None:
     finished = make_spec("walker", seed=1)
     run(finished, tmp_path)
     with pytest.raises(UnplayableRunError, match=r"keeps nothing that agent 'walker' has learned: weights.safetensors"):
-        find_actor(str(finished.path(tmp_path)))
+        find_actor(str(finished.path(tmp_path)), WALKER)
     folder = interrupt(make_spec("walker"), tmp_path)
     env = gymnasium.make(GRID)
     with pytest.raises(UnplayableRunError, match=r"Agent 'walker' cannot show what it has learned"):
-        find_actor(str(folder)).begin(env, 0)
+        find_actor(str(folder), WALKER).begin(env, 0)
 
 
 def test_a_run_is_found_below_a_folder(tmp_path: Path) -> None:
@@ -228,6 +231,11 @@ def test_a_run_is_found_below_a_folder(tmp_path: Path) -> None:
         write(spec.path(tmp_path) / "spec.json", spec)
     assert find_run(tmp_path, GRID, "actor") == specs[0].path(tmp_path)
     assert find_run(specs[2].path(tmp_path), GRID) == specs[2].path(tmp_path)
+    for name in ("sprl", "sprl@ablation"):
+        preset = make_spec().model_copy(update={"agent": name, "source": "sprl"})
+        write(preset.path(tmp_path / "presets") / "spec.json", preset)
+    assert find_run(tmp_path / "presets", GRID, "sprl").parent.name == "sprl"
+    assert find_run(tmp_path / "presets", GRID, "sprl@ablation").parent.name == "sprl@ablation"
     with pytest.raises(ValueError, match=r"more than one run of walker in SPRL/FourRooms-7x7-v1; .*seed-0, .*seed-1$"):
         find_run(tmp_path, GRID, "walker")
     with pytest.raises(FileNotFoundError, match="holds no run of ppo in SPRL/FourRooms-7x7-v1"):
@@ -241,6 +249,33 @@ def test_what_a_script_recorded_is_told_from_nothing_at_all(tmp_path: Path) -> N
     (tmp_path / "mine" / RECORD).touch()
     with pytest.raises(FileNotFoundError, match="Runs that a script recorded are passed over"):
         find_run(tmp_path, GRID)
+
+
+def test_no_code_is_loaded_because_a_run_names_it(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "strange.py").write_text("raise SystemExit('this code ran')\n")
+    monkeypatch.chdir(tmp_path)
+    spec = make_spec().model_copy(update={"source": "strange:code"})
+    folder = spec.path(tmp_path / "runs")
+    write(folder / "spec.json", spec)
+    (folder / "weights.safetensors").touch()
+    told = f"{folder} says that its agent is 'strange:code': code of your own is loaded only where you name it"
+    with pytest.raises(UnplayableRunError, match=re.escape(told)):
+        record_video(GRID, tmp_path / "a.gif", policy=str(folder))
+    with pytest.raises(UnplayableRunError, match=re.escape(told)):
+        record_video(GRID, tmp_path / "a.gif", policy=str(folder), agent="film_fakes:actor")
+    status, _, err = call(capsys, GRID, "--run", "runs", "-o", "a.gif")
+    assert (status, err.count("\n"), "as --agent strange:code" in err) == (1, 1, True)
+    assert "strange" not in sys.modules
+    with pytest.raises(ValueError, match="agent is 'ppo'; it goes with the folder of a run, not with policy 'random'"):
+        find_actor("random", "ppo")
+    actor = interrupt(make_spec(), tmp_path / "more")
+    with pytest.raises(UnplayableRunError, match="film_fakes:actor"):
+        find_actor(actor, "ppo")
+    assert find_run(tmp_path / "runs", GRID, "strange:code") == folder
+    with pytest.raises(SystemExit, match="this code ran"):
+        call(capsys, GRID, "--run", "runs", "--agent", "strange:code", "-o", "a.gif")
 
 
 # The command
@@ -263,7 +298,7 @@ def test_the_command_films_and_tells_of_each_episode(
     status, out, _ = call(capsys, GRID, "--arg", "max_episode_steps=4", "-o", path)
     assert (status, out) == (0, "episode 1: 4 steps, return 0, no success\n")
     interrupt(make_spec(), tmp_path / "runs")
-    words = [GRID, "--agent", "actor", "--run", tmp_path / "runs", "--arg", "max_episode_steps=4", "-o", path]
+    words = [GRID, "--agent", OWN, "--run", tmp_path / "runs", "--arg", "max_episode_steps=4", "-o", path]
     assert call(capsys, *words)[0] == 0
     (tmp_path / "my_own_policy.py").write_text("def turn(observation):\n    return 0\n")
     monkeypatch.chdir(tmp_path)

@@ -22,6 +22,8 @@ from sprl_baselines.presets import preset
 from sprl_baselines.rollout import Collector, Rollout, clipping, stacked
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
 
+__all__ = ["LearningAgent", "LearningAgentFactory", "eco", "gt_grid", "gt_sprl", "icm", "ppo", "sprl"]
+
 C = TypeVar("C", bound=Config)
 Envs = VectorEnv[Any, Any, Any]
 

@@ -13,6 +13,8 @@ from torch import Tensor
 from sprl_baselines.config import Config
 from sprl_baselines.rollout import Rollout
 
+__all__ = ["Bonus", "NoBonus", "NoBonusConfig", "Setting"]
+
 
 class Bonus(Protocol):
     """An intrinsic reward.

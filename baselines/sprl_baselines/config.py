@@ -10,6 +10,8 @@ from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 from sprl_bench.suggestions import unknown
 
+__all__ = ["Choice", "Config", "Count", "Positive", "Range", "Share", "Weight", "reject_unknown"]
+
 
 @dataclass(frozen=True)
 class Range:

@@ -59,7 +59,7 @@ class CReLUConvolutions(nn.Module):
         cells, parameters = images.permute(0, 2, 3, 1), (*self.weights, *self.biases)
         if not torch.is_grad_enabled():
             return _features(cells, parameters)
-        features: Tensor = _Compiled.apply(cells, *parameters)  # type: ignore[no-untyped-call]
+        features: Tensor = _Compiled.apply(cells, *parameters)  # type: ignore[no-untyped-call] # torch has no types there
         return features
 
     def _plain(self, images: Tensor) -> Tensor:

@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+__all__ = ["distinct"]
+
 
 def distinct(rows: Tensor) -> tuple[Tensor, Tensor]:
     """Return the D distinct rows `[D, ...]` of `[B, ...]` in order of appearance, and each row's place there, `[B]`.

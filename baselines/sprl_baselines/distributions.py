@@ -13,6 +13,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+__all__ = ["Categorical", "DiagonalGaussian", "Distribution"]
+
 
 class Distribution(Protocol):
     """A batch of B independent distributions over actions."""

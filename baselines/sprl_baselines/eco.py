@@ -19,6 +19,8 @@ from sprl_baselines.config import Count, Share, Weight
 from sprl_baselines.reachability import Judge, LearnedReachability, Reachability, ReachabilityConfig, judge_pairs
 from sprl_baselines.rollout import Rollout
 
+__all__ = ["ECO", "ECOConfig"]
+
 
 @dataclass(frozen=True)
 class ECOConfig(ReachabilityConfig):

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from gymnasium import Space, spaces
 
+__all__ = ["grid_shape"]
+
 CELL = 3  # numbers for a cell: type, colour, and state or direction
 
 

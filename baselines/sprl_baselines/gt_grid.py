@@ -21,6 +21,8 @@ from sprl_baselines.grids import grid_shape
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
 
+__all__ = ["GTGrid", "GTGridConfig"]
+
 Places = npt.NDArray[np.int64]
 
 

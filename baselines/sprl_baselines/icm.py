@@ -28,6 +28,21 @@ from sprl_baselines.rollout import Rollout
 from sprl_baselines.strided_convolution import CHANNELS, StridedConvolution
 from sprl_baselines.training_state import restore, saved
 
+__all__ = [
+    "ICM",
+    "ActionKind",
+    "ContinuousActions",
+    "DiscreteActions",
+    "Dynamics",
+    "FlattenCells",
+    "Foresight",
+    "ICMConfig",
+    "Transitions",
+    "action_kind",
+    "encoder",
+    "one_hidden_layer",
+]
+
 ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
 
 
@@ -144,7 +159,7 @@ class Transitions:
 
     def take(self, indices: Tensor) -> Transitions:
         """Return the steps at these indices, with none but their own observations."""
-        needed, places = self.places[indices].unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        needed, places = self.places[indices].unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
         return Transitions(self.observations.index_select(0, needed), places, self.actions[indices])
 
 

@@ -13,6 +13,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+__all__ = ["RewardNormalizer", "RunningVariance"]
+
 
 class RunningVariance:
     """The population variance of all values seen so far, updated batch by batch (Chan et al. 1983)."""

@@ -19,6 +19,25 @@ from sprl_baselines.convolutions import CReLUConvolutions
 from sprl_baselines.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.grids import grid_shape
 
+__all__ = [
+    "GRID_ENCODINGS",
+    "LARGEST_CODES",
+    "ActorCritic",
+    "CReLU",
+    "CategoricalHead",
+    "GaussianHead",
+    "Head",
+    "OneHotCells",
+    "ScaledCells",
+    "ToFloat",
+    "actor_critic",
+    "grid_convolutions",
+    "grid_trunk",
+    "linear",
+    "mlp_trunk",
+    "policy_head",
+]
+
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
 POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
@@ -100,7 +119,7 @@ def actor_critic(
 
 def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
     """A linear layer with orthogonal weights and zero bias."""
-    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)  # type: ignore[no-untyped-call]
+    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)  # type: ignore[no-untyped-call] # torch has no types there
     nn.init.orthogonal_(layer.weight, gain, generator)
     nn.init.zeros_(layer.bias)
     return layer

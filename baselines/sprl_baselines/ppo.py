@@ -24,6 +24,8 @@ from sprl_baselines.returns import generalized_advantages, successor_values
 from sprl_baselines.rollout import Decision, Rollout
 from sprl_baselines.training_state import restore, saved
 
+__all__ = ["PPO", "PPOConfig", "Samples", "ppo_losses"]
+
 
 @dataclass(frozen=True)
 class PPOConfig(Config):
@@ -179,7 +181,7 @@ class PPO:
 
     def _evaluate(self, batch: Samples) -> tuple[Distribution, Tensor]:
         """The present policy and values `[B]` at a batch's observations, each distinct one computed once."""
-        needed, places = batch.places.unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        needed, places = batch.places.unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
         distribution, values = self.network(batch.distinct_observations.index_select(0, needed))
         return distribution.take(places), values.index_select(0, places)
 
@@ -189,7 +191,7 @@ class PPO:
             distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
         )
         self._optimizer.zero_grad()
-        losses.pop("loss").backward()  # type: ignore[no-untyped-call]
+        losses.pop("loss").backward()  # type: ignore[no-untyped-call] # torch has no types there
         norm = clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
         self._optimizer.step()
         return {**losses, "gradient_norm": norm}

@@ -13,6 +13,8 @@ from gymnasium.vector import VectorEnv
 
 from sprl_baselines.config import Config, Count, reject_unknown
 
+__all__ = ["RandomAgent", "RandomAgentFactory", "RandomConfig", "random", "uniform_actions"]
+
 STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+__all__ = ["generalized_advantages", "successor_values"]
+
 
 def generalized_advantages(
     rewards: Tensor,

@@ -14,6 +14,8 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
+__all__ = ["Collector", "Decision", "Rollout", "clipping", "stacked"]
+
 Array = npt.NDArray[Any]
 
 

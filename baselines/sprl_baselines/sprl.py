@@ -29,6 +29,8 @@ from sprl_baselines.reachability import (
 )
 from sprl_baselines.rollout import Rollout
 
+__all__ = ["SPRL", "ConstraintConfig", "SPRLConfig", "count_votes", "votes_needed"]
+
 CHUNK = 8  # lengths judged at a time: few enough to stop early, enough to fill a batch
 
 

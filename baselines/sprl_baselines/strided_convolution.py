@@ -10,6 +10,8 @@ from torch.nn import functional
 
 from sprl_baselines.networks import RELU_GAIN
 
+__all__ = ["CHANNELS", "StridedConvolution"]
+
 CHANNELS = 32
 
 

@@ -9,6 +9,8 @@ import torch
 from torch import nn
 from torch.optim import Optimizer
 
+__all__ = ["restore", "saved"]
+
 
 def saved(network: nn.Module, optimizer: Optimizer, generator: torch.Generator) -> dict[str, Any]:
     """Return the state of all three, copied."""

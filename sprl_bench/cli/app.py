@@ -60,7 +60,9 @@ def _options(
     show_version: Annotated[  # noqa: ARG001 - its callback acts
         bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Print the version and stop.")
     ] = False,
-    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of every error.")] = False,  # noqa: ARG001
+    debug: Annotated[  # noqa: ARG001 - see below
+        bool, typer.Option("--debug", help="Show the traceback of every error.")
+    ] = False,
 ) -> None:
     # `main` has taken --debug out before the parser sees it, wherever it stood; it is here for the help.
     listing.require_command(context)

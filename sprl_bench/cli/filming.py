@@ -33,19 +33,26 @@ def video(
     run: Annotated[
         Path | None, typer.Option("--run", help="A run, or a folder with runs: what its agent has learned acts.")
     ] = None,
-    agent: Annotated[str | None, typer.Option(help="Whose run, where the folder holds several agents'.")] = None,
+    agent: Annotated[
+        str | None,
+        typer.Option(
+            help="Whose run, where the folder holds several agents'; your own agents must be named, as "
+            "package.module:factory."
+        ),
+    ] = None,
     episodes: Annotated[int, typer.Option(min=1, help="How many, one after the other.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of the environment and of the random policy.")] = 0,
 ) -> None:
     """Film episodes of an environment under a policy, or under what an agent has learned in a run."""
     from sprl_bench.video import record_video
 
-    if ":" in (policy or "") or run is not None:
+    if ":" in (policy or "") or ":" in (agent or ""):
         find_modules_here()
     filmed = record_video(
         env_id,
         output,
         policy=_choose_actor(env_id, policy, run, agent),
+        agent=agent,
         arguments=cast("Mapping[str, Argument]", parse_settings(argument or (), option="--arg")),
         episodes=episodes,
         seed=seed,

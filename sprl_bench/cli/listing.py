@@ -32,15 +32,22 @@ def envs() -> None:
 
 @app.command("tasks")
 def tasks() -> None:
-    """List the tasks of every suite with their budgets in environment steps."""
+    """List the tasks of every suite: budgets in environment steps, and the most sub-environments of a published run."""
     from sprl_bench.tasks import SUITES
 
     rows = [
-        (suite.name, task.name, task.env_id, f"{task.budget:,}", _arguments(task.arguments.items()))
+        (
+            suite.name,
+            task.name,
+            task.env_id,
+            f"{task.budget:,}",
+            str(task.max_num_envs or ""),
+            _arguments(task.arguments.items()),
+        )
         for suite in SUITES.values()
         for task in suite.tasks
     ]
-    _columns(("suite", "task", "environment", "budget", "arguments"), rows)
+    _columns(("suite", "task", "environment", "budget", "max_num_envs", "arguments"), rows)
 
 
 @app.command("suites")

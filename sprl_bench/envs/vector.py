@@ -377,7 +377,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         """Return an attribute of a copy of each sub-environment."""
         return self.call(name)
 
-    def set_attr(self, name: str, values: Any) -> None:  # noqa: ARG002
+    def set_attr(self, name: str, values: Any) -> None:  # noqa: ARG002 - Gymnasium's signature
         """Refuse: sub-environments are rows of arrays, which ``set_state`` changes."""
         raise AttributeError(f"{type(self).__name__} has no sub-environments to set {name!r} on; see set_state().")
 
@@ -400,7 +400,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         if self.render_mode == "human":
             self.render()
 
-    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002 - Gymnasium's signature
         """End the threads and close the window, if there are any."""
         self._threads.close()
         if self._viewer is not None:

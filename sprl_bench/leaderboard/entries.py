@@ -53,6 +53,9 @@ class SeedResult(Data):
     seed: Count
     device: Line
     torch_threads: Annotated[int, Field(gt=0)]
+    abandoned_share: Annotated[float, Field(ge=0, le=1)] = Field(
+        default=0.0, description="Of the episodes, those that were reset before their end, which count as failures."
+    )
     scores: Scores
     return_curve: Curve
     success_curve: Curve
@@ -141,6 +144,9 @@ class Entry(Data):
     tasks: Annotated[tuple[TaskEntry, ...], Field(min_length=1)]
     versions: dict[Line, Line]
     git_commits: tuple[Line, ...] = Field(description="Of the checkouts of sprl-bench that the runs were made with.")
+    agent_codes: tuple[Line, ...] = Field(
+        default=(), description='Hashes of the file of an agent named as "package.module:attribute", or of the scripts.'
+    )
     hardware: Annotated[tuple[Hardware, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -181,8 +187,10 @@ class Entry(Data):
                 fingerprint=entry.fingerprint,
                 versions=self.versions,
                 builds=self.git_commits,
+                codes=self.agent_codes,
                 device=result.device,
                 torch_threads=result.torch_threads,
+                abandoned_share=result.abandoned_share,
                 return_curve=result.return_curve,
                 scores=result.scores,
             )

@@ -20,7 +20,7 @@ from sprl_bench.tables import (
     find_holes,
     version_differences,
 )
-from sprl_bench.tasks import SUITES, find_suite
+from sprl_bench.tasks import SUITES, find_suite, too_wide
 
 __all__ = ["check_suite", "make_entry"]
 
@@ -67,7 +67,7 @@ def make_entry(
 
 
 def check_suite(entry: Entry) -> None:
-    """Check that an entry is of a suite as it stands: its version, its tasks, their budgets and arguments.
+    """Check that an entry is of a suite as it stands: its version, its tasks, their budgets, arguments and widths.
 
     Raises:
         ValueError: It is not; the message begins with the place in the entry.
@@ -86,6 +86,8 @@ def check_suite(entry: Entry) -> None:
                 raise ValueError(
                     f"tasks.{number}.task.{name}: it is {getattr(part.task, name)}, the suite's is {value}"
                 )
+        if fault := too_wide(suite.name, task.name, part.num_envs):
+            raise ValueError(f"tasks.{number}.num_envs: {fault}")
 
 
 def _runs_of(records: Sequence[RunRecord], agent: str, suite: str | None) -> list[RunRecord]:
@@ -113,6 +115,9 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
     seeds = {result.seed for result in results}
     if len(seeds) < MINIMUM_SEEDS:
         raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
+    codes = {code for result in results for code in result.codes}
+    if len(codes) > 1 and complete[0].spec.source:  # a script may be edited from seed to seed; boards tell it
+        raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
     for package, text in version_differences(results).items():
         raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
 
@@ -133,6 +138,7 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
         ),
         versions=_versions(complete),
         git_commits=_commits(complete),
+        agent_codes=tuple(sorted({record.agent_code for record in complete if record.agent_code})),
         hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
     )
 
@@ -154,6 +160,7 @@ def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
                 seed=run.spec.seed,
                 device=run.spec.device,
                 torch_threads=run.spec.torch_threads,
+                abandoned_share=run.totals.abandoned_share,
                 scores=run.scores,
                 return_curve=run.return_curve,
                 success_curve=run.success_curve,

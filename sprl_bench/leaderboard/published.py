@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 from collections.abc import Iterable, Sequence
@@ -11,7 +12,7 @@ from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.making import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import Table, check_comparable, tabulate_results
+from sprl_bench.tables import IncomparableError, Table, check_comparable, tabulate_results
 from sprl_bench.tasks import SUITES
 
 __all__ = [
@@ -128,16 +129,36 @@ def _names(folder: Path) -> list[str]:
 
 
 def validate(paths: Iterable[Path]) -> list[str]:
-    """Return one line for each file that is not a valid entry; none where all are."""
+    """Return one line for each file that is no valid entry, or cannot stand beside those in its folder; else none."""
     complaints = []
     for path in paths:
         try:
-            read_entry(path)
+            entry = read_entry(path)
+            _check_beside(entry, path)
         except InvalidFileError as error:
             complaints.append(str(error))
+        except IncomparableError as error:
+            complaints.append(f"{path}:1: {error}")
         except OSError as error:
             complaints.append(f"{path}: {error.strerror}")
     return complaints
+
+
+def _check_beside(entry: Entry, path: Path) -> None:
+    """Check that an entry can stand beside the others of its folder; those that are broken are passed over.
+
+    Raises:
+        IncomparableError: It cannot.
+    """
+    others: list[tuple[str, Entry]] = []
+    for place in sorted(path.parent.glob("*.json")):
+        with contextlib.suppress(InvalidFileError, OSError):
+            others.append((place.name, read_entry(place)))
+    for name, other in others:
+        try:
+            check_comparable([*entry.results(), *(other.results() if other.agent != entry.agent else ())])
+        except IncomparableError as error:
+            raise IncomparableError(f"beside {name}: {error}") from None
 
 
 def board(entries: Sequence[Entry]) -> Table:

@@ -2,6 +2,11 @@
 
 Two environments take random actions, past the first end of an episode in both. By those alone most sparse tasks would
 never show their reward: in our own, golden episodes lead to it.
+
+A simulator's last bits differ from processor to processor, so numbers are rounded. Where bodies touch, that is not
+enough: a difference in the last bit grows to one that can be seen. Under continuous actions, what is seen is therefore
+taken in at the beginning only, and then when episodes end. What contact does is held by the simulator's version, which
+is never mixed.
 """
 
 from __future__ import annotations
@@ -27,6 +32,7 @@ STEPS = 200  # at least
 MOST_STEPS = 2000  # where episodes do not end
 SEED = 20240  # of the random episodes and actions
 DECIMALS = 5  # simulators differ beyond from processor to processor
+TAME_STEPS = 8  # under continuous actions, from a reset that is asked for: before anything is touched
 
 
 def fingerprint(task: TaskSpec) -> str:
@@ -47,8 +53,11 @@ def _fingerprint(env_id: str, arguments: str) -> str:
 
 def _trajectory_hash(envs: VectorEnv[Any, Any, Any], env_id: str) -> str:
     digest = hashlib.sha256()
+    continuous = isinstance(envs.single_action_space, spaces.Box)
+    steps = 0  # since the last reset that was asked for
     for seen in trajectory(envs, env_id):
-        _take_in(digest, seen)
+        steps = steps + 1 if len(seen) > 1 else 0
+        _take_in(digest, seen[2:4] if continuous and steps > TAME_STEPS else seen)
     return digest.hexdigest()[:16]
 
 

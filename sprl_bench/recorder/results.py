@@ -26,6 +26,7 @@ def write_result(
     wall_time_s: float,
     peak_memory_mib: float = 0.0,
     git_commit: str | None = None,
+    agent_code: str | None = None,
 ) -> RunRecord:
     """Write a run's episodes and then its record; the record is the sign that all is there.
 
@@ -36,15 +37,21 @@ def write_result(
         wall_time_s: Seconds that it took, all its parts together.
         peak_memory_mib: The most memory that its earlier parts used.
         git_commit: Of its parts, where they differ; by default this checkout's.
+        agent_code: Hash of the agent's file as it was when the run began.
     """
-    record = _record(spec, log, wall_time_s, peak_memory_mib, git_commit)
+    record = _record(spec, log, wall_time_s, peak_memory_mib, git_commit, agent_code)
     write_bytes(folder / EPISODES, _parquet(log))
     write(folder / RECORD, record)
     return record
 
 
 def _record(
-    spec: RunSpec, log: EpisodeLog, wall_time_s: float, peak_memory_mib: float, git_commit: str | None
+    spec: RunSpec,
+    log: EpisodeLog,
+    wall_time_s: float,
+    peak_memory_mib: float,
+    git_commit: str | None,
+    agent_code: str | None,
 ) -> RunRecord:
     episodes, task = log.episodes, spec.task
     returns = tuple(metrics.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
@@ -60,6 +67,7 @@ def _record(
         fingerprint=fingerprint(task),
         versions=machine.versions(),
         git_commit=git_commit or machine.git_commit(),
+        agent_code=agent_code,
         hardware=machine.hardware(),
         wall_time_s=round(wall_time_s, 3),
         peak_memory_mib=max(peak_memory_mib, machine.peak_memory_mib()),
@@ -80,7 +88,7 @@ def _totals(log: EpisodeLog) -> Totals:
 
 def _parquet(log: EpisodeLog) -> bytes:
     import pyarrow  # noqa: PLC0415 - heavy, and needed once at the end
-    from pyarrow import parquet  # noqa: PLC0415
+    from pyarrow import parquet  # noqa: PLC0415 - as above
 
     episodes = log.episodes
     names = EPISODE.names or ()
@@ -92,7 +100,7 @@ def _parquet(log: EpisodeLog) -> bytes:
 
 def _column(values: npt.NDArray[Any]) -> Any:
     """Return an Arrow array made of raw memory: any other way loads pandas, which fails when the process is ending."""
-    import pyarrow  # noqa: PLC0415
+    import pyarrow  # noqa: PLC0415 - as above
 
     packed = np.packbits(values, bitorder="little") if values.dtype == np.bool_ else np.ascontiguousarray(values)
     buffers = [None, pyarrow.py_buffer(packed)]

@@ -236,6 +236,11 @@ class Totals(Data):
     mean_return: Bounded = Field(description="Over all scored episodes; 0 where there is none.")
     mean_length: Amount = Field(description="In environment steps; 0 where there is none.")
 
+    @property
+    def abandoned_share(self) -> float:
+        """Which share of the episodes was reset before its end."""
+        return min(1.0, self.abandoned / self.episodes) if self.episodes else 0.0
+
     @model_validator(mode="after")
     def _parts_are_no_more_than_all(self) -> Self:
         if self.successes > self.episodes:
@@ -244,7 +249,7 @@ class Totals(Data):
 
 
 class Hardware(Data):
-    """The machine; no score depends on it on a CPU."""
+    """The machine; of two with the same kind of processor, no score depends on it on a CPU."""
 
     cpu: Line
     cores: Count
@@ -265,6 +270,10 @@ class RunRecord(Data):
     fingerprint: Line = Field(description="Of the environment: the hash of a fixed trajectory.")
     versions: dict[Line, Line]
     git_commit: Line | None
+    agent_code: Line | None = Field(
+        default=None,
+        description='Hash of the file of an agent named as "package.module:attribute", or of the script.',
+    )
     hardware: Hardware
     wall_time_s: Amount
     peak_memory_mib: Amount

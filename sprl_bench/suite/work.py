@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import sys
 import traceback
@@ -16,8 +17,11 @@ from sprl_bench.executors import Executor, WorkerDiedError
 from sprl_bench.recorder.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked
 from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
 from sprl_bench.run import InterruptedRunError, SpecChangedError, find_finished, run
+from sprl_bench.tasks import too_wide
 
 __all__ = ["Observer", "Outcome", "run_suite"]
+
+logger = logging.getLogger("sprl_bench")
 
 SHOWN: Final = 3  # differences in one message
 
@@ -62,6 +66,7 @@ def run_suite(
         InvalidFileError: A file there is broken. Nothing has been started.
     """
     _refuse_changes(specs, out)
+    _warn_of_width(specs)
     waiting = [spec for spec in specs if find_finished(spec.path(out), spec) is None]
     for spec in waiting:
         write(spec.path(out) / SPEC, spec)
@@ -145,6 +150,13 @@ def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
             f"There are runs of another spec under the same name: {'; '.join(changed[:SHOWN])}{more}. "
             "Use another --out, or remove them."
         )
+
+
+def _warn_of_width(specs: Sequence[RunSpec]) -> None:
+    """Say before the first step what will keep these runs off every leaderboard."""
+    for fault in dict.fromkeys(too_wide(spec.suite, spec.task.name, spec.num_envs) for spec in specs):
+        if fault:
+            logger.warning("%s.", fault)
 
 
 def _begun(folder: Path) -> Iterator[RunSpec]:

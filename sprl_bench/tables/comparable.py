@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from sprl_bench.records import TaskSpec
 from sprl_bench.tables.results import Result
-from sprl_bench.tasks import SUITES
+from sprl_bench.tasks import SUITES, too_wide
 
 __all__ = ["SCORED_PACKAGES", "IncomparableError", "check_comparable", "version_differences"]
 
@@ -30,10 +30,12 @@ SCORED_PACKAGES = (
     "torch",
 )
 """What our environments and agents compute with: another version of these may move a score."""
-NEVER_MIXED = ("mujoco",)
-"""Simulators that change numerically from release to release."""
+NEVER_MIXED = ("gymnasium-robotics", "mujoco")
+"""Simulators that change numerically from release to release, and what tells them which bodies there are."""
 SURROUNDINGS = ("python", "platform")
-"""What our code runs in; another one moves no score that we know of."""
+"""What our code runs in; another one moves no score but by rounding."""
+MANY_ABANDONED = 0.01
+"""The share of episodes reset before their end from which on tables say so."""
 DIRTY = "-dirty"
 """Stands behind the commit of a checkout in which files differ."""
 
@@ -46,8 +48,8 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
     """Check that these results of one suite may share a table.
 
     Returns:
-        Sentences on what differs and does not forbid it: versions, builds, devices, threads, numbers of
-        sub-environments, and budgets other than the suite's own.
+        Sentences on what differs and does not forbid it: versions, builds, an agent's own code, devices, threads,
+        numbers of sub-environments, many abandoned episodes, and budgets other than the suite's own.
 
     Raises:
         IncomparableError: They differ in the suite's version, in a task's environment, arguments, budget or
@@ -71,7 +73,15 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         _refuse_mixed(f"suite {suite!r}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
     versions = version_differences(results, (*SCORED_PACKAGES, *SURROUNDINGS))
     notes = [f"Different versions of {package}: {text}." for package, text in versions.items()]
-    return [*notes, *_build_notes(results), *_device_notes(results), *_width_notes(results), *_suite_notes(results)]
+    return [
+        *notes,
+        *_build_notes(results),
+        *_code_notes(results),
+        *_device_notes(results),
+        *_width_notes(results),
+        *_abandoned_notes(results),
+        *_suite_notes(results),
+    ]
 
 
 def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tuple[str, list[Result]]]:
@@ -143,6 +153,15 @@ def _build(result: Result) -> str:
     return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.builds)) or "no checkout"
 
 
+def _code_notes(results: Sequence[Result]) -> list[str]:
+    """Say which agents' own files were not the same for all of their runs."""
+    return [
+        f"The code of {agent} changed between its runs: {', '.join(codes)}."
+        for agent, runs in _grouped(results, lambda result: result.agent)
+        if len(codes := sorted({code for run in runs for code in run.codes})) > 1
+    ]
+
+
 def _device_notes(results: Sequence[Result]) -> list[str]:
     kinds = {
         "devices": _by_value(results, lambda result: result.device.partition(":")[0]),
@@ -152,13 +171,25 @@ def _device_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _width_notes(results: Sequence[Result]) -> list[str]:
-    """Say where agents had different numbers of sub-environments on a task: quick successes then count differently."""
+    """Say where agents had different numbers of sub-environments on a task, or too many: quick successes count more."""
     mixed = (
         _by_value(of_task, lambda result: str(result.num_envs))
         for _, of_task in _grouped(results, lambda result: result.task.name)
     )
-    return [
+    differing = [
         f"Different numbers of sub-environments, which moves scores: {text}." for text in dict.fromkeys(mixed) if text
+    ]
+    faults = dict.fromkeys(too_wide(result.suite, result.task.name, result.num_envs) for result in results)
+    return differing + [f"{fault}." for fault in faults if fault]
+
+
+def _abandoned_notes(results: Sequence[Result]) -> list[str]:
+    """Say where agents reset many episodes before their end."""
+    return [
+        f"{agent} reset up to {most:.0%} of a run's episodes before their end on {task}; they count as failures."
+        for task, of_task in _grouped(results, lambda result: result.task.name)
+        for agent, runs in _grouped(of_task, lambda result: result.agent)
+        if (most := max(run.abandoned_share for run in runs)) > MANY_ABANDONED
     ]
 
 

@@ -47,8 +47,10 @@ class Result:
     fingerprint: str
     versions: Mapping[str, str]
     builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
+    codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
     device: str
     torch_threads: int
+    abandoned_share: float  # of the episodes, those that were reset before their end
     return_curve: tuple[float, ...]
     scores: Scores
 
@@ -68,8 +70,10 @@ class Result:
             fingerprint=record.fingerprint,
             versions=record.versions,
             builds=(record.git_commit,) if record.git_commit else (),
+            codes=(record.agent_code,) if record.agent_code else (),
             device=spec.device,
             torch_threads=spec.torch_threads,
+            abandoned_share=record.totals.abandoned_share,
             return_curve=record.return_curve,
             scores=record.scores,
         )

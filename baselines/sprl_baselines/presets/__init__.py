@@ -1,4 +1,4 @@
-"""Named settings of the agents, domain by domain: only what differs from the defaults."""
+"""Named settings of the agents, domain by domain: what differs from the defaults or between a domain's agents."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Any
 
 from sprl_baselines.presets import atari, dmlab, fetch, grid
 from sprl_bench.suggestions import unknown
+
+__all__ = ["DOMAINS", "preset"]
 
 DOMAINS = {"atari": atari.PRESETS, "dmlab": dmlab.PRESETS, "fetch": fetch.PRESETS, "grid": grid.PRESETS}
 

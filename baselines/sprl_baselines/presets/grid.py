@@ -23,11 +23,11 @@ ABLATION: Mapping[str, Mapping[str, Any]] = {"gt-sprl": LONGER, "sprl": LONGER}
 # What a declared sweep of four settings an agent took (docs/agents-sweep.md); the rest is the defaults'.
 TUNED: Mapping[str, Mapping[str, Any]] = {
     "eco": {"bonus_weight": 0.005},
-    "gt-grid": {"learning_rate": 0.001, "bonus_weight": 0.03},
-    "gt-sprl": {"cost_scale": 0.01},
+    "gt-grid": {"bonus_weight": 0.03},
+    "gt-sprl": {**SPRL, "cost_scale": 0.01},
     "icm": {},
-    "ppo": {"learning_rate": 0.001},
-    "sprl": {},
+    "ppo": {},
+    "sprl": {"cost_scale": 0.01},
 }
 
 PRESETS = {"ablation": ABLATION, "table": TABLE, "tuned": TUNED}

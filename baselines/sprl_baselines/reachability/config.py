@@ -10,6 +10,8 @@ from sprl_baselines.networks import GRID_ENCODINGS
 from sprl_baselines.reachability.network import PAIR_INPUTS
 from sprl_baselines.reachability.triplets import NEGATIVES
 
+__all__ = ["HorizonConfig", "ReachabilityConfig"]
+
 Whole = Annotated[int, Range(0)]
 
 

@@ -18,6 +18,8 @@ from sprl_baselines.reachability.pairs import Judge
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
 
+__all__ = ["GroundTruth"]
+
 
 class GroundTruth:
     """Whether some sequence of at most k actions leads from one state to another.

@@ -19,6 +19,8 @@ from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scat
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.training_state import restore, saved
 
+__all__ = ["LearnedReachability"]
+
 
 class LearnedReachability:
     """A network trained on triplets of a replay (appendix E.3).
@@ -138,7 +140,7 @@ class LearnedReachability:
         smoothing = self.config.label_smoothing
         loss = binary_cross_entropy_with_logits(logits, labels * (1 - smoothing) + smoothing / 2)
         self._optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()  # type: ignore[no-untyped-call] # torch has no types there
         self._optimizer.step()
         return torch.stack((loss.detach(), _share_right(logits, labels)))
 
@@ -151,7 +153,7 @@ class LearnedReachability:
 
     def _states(self, triplets: Triplets) -> tuple[Tensor, Triplets]:
         """Return the D states that triplets name, each place once, `[D, ...]`, and the triplets as indices of these."""
-        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
         return self._replay.take(places), Triplets(*indices.to(self._device).chunk(3))
 
     def _held_out_accuracy(self) -> dict[str, float]:

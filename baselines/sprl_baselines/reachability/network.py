@@ -17,6 +17,8 @@ from torch import Tensor, nn
 from sprl_baselines.grids import grid_shape
 from sprl_baselines.networks import CRELU_GAIN, RELU_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
 
+__all__ = ["PAIR_INPUTS", "ReachabilityNetwork", "reachability_network"]
+
 PAIR_INPUTS = ("pair", "difference")
 
 Comparison = Callable[[Tensor, Tensor], Tensor]

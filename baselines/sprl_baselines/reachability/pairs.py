@@ -10,6 +10,8 @@ from torch import Tensor
 from sprl_baselines.distinct import distinct
 from sprl_baselines.rollout import Rollout
 
+__all__ = ["Judge", "Reachability", "judge_pairs"]
+
 Judge = Callable[[Tensor, Tensor], Tensor]
 """Takes indices `[P]` of earlier and of later states; returns how likely one leads to the other, `[P]` in [0, 1]."""
 
@@ -43,7 +45,7 @@ def judge_pairs(reachability: Reachability, states: Tensor) -> Judge:
 
     def judge_repeated(earlier: Tensor, later: Tensor) -> Tensor:
         pairs = places[earlier] * count + places[later]
-        needed, inverse = pairs.unique(return_inverse=True)  # type: ignore[no-untyped-call]
+        needed, inverse = pairs.unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
         return judge(needed // count, needed % count)[inverse]
 
     return judge_repeated

@@ -233,11 +233,11 @@ class GoalFetch(FetchEnv, GoalEnv):  # type: ignore[misc]  # upstream is untyped
     def _shown(self, observation: Observation) -> Observation:
         return {name: values.copy() for name, values in observation.items()}
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> NDArray[np.float64]:  # noqa: ARG002
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> NDArray[np.float64]:  # noqa: ARG002 - its API
         """Return the rewards [...] of goals [..., 3], whoever achieved and desired them."""
         return is_reached(achieved_goal, desired_goal, self.simulation.distance_threshold).astype(np.float64)[()]
 
-    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ARG002
+    def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ARG002 - as above
         """Return whether reaching these goals [..., 3] would end the episode, bool [...]."""
         reached = is_reached(achieved_goal, desired_goal, self.simulation.distance_threshold)
         return (reached & self.rules.terminate_on_goal)[()]

@@ -99,15 +99,15 @@ class _Reach(Simulation, MujocoFetchReachEnv):  # type: ignore[misc]  # upstream
     pass
 
 
-class _Push(Simulation, MujocoFetchPushEnv):  # type: ignore[misc]
+class _Push(Simulation, MujocoFetchPushEnv):  # type: ignore[misc] # upstream has no types
     pass
 
 
-class _Slide(Simulation, MujocoFetchSlideEnv):  # type: ignore[misc]
+class _Slide(Simulation, MujocoFetchSlideEnv):  # type: ignore[misc] # upstream has no types
     pass
 
 
-class _PickAndPlace(Simulation, MujocoFetchPickAndPlaceEnv):  # type: ignore[misc]
+class _PickAndPlace(Simulation, MujocoFetchPickAndPlaceEnv):  # type: ignore[misc] # upstream has no types
     pass
 
 
