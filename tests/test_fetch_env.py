@@ -315,7 +315,9 @@ def test_an_unmodified_script_of_stable_baselines_learns_from_hindsight() -> Non
     from stable_baselines3 import SAC, HerReplayBuffer
 
     env = gymnasium.make("SPRL/FetchReachSparse-v1", observation="goal", terminate_on_goal=False)
-    model = SAC("MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, learning_starts=1_500, seed=0)
+    model = SAC(
+        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, learning_starts=1_500, seed=0, device="cpu"
+    )
     model.learn(total_timesteps=2_000)
     assert model.num_timesteps == 2_000
     rewards = model.replay_buffer.sample(256).rewards

@@ -123,11 +123,12 @@ def test_the_window_opens_and_closes_on_a_virtual_screen() -> None:
     code = (
         "import gymnasium, sprl_bench;"
         "env = gymnasium.make('SPRL/FetchReachSparse-v1', render_mode='human'); env.reset(seed=0);"
+        "env.action_space.seed(0);"
         "print([env.step(env.action_space.sample())[1] for _ in range(3)], env.render()); env.close()"
     )
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     command = ["xvfb-run", "-a", sys.executable, "-W", "error", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split("\n")[0] == "[0.0, 0.0, 0.0] None"
 

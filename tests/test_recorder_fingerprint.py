@@ -44,10 +44,16 @@ class Lamp(gymnasium.Env[Any, Any]):
         return self._look(), self.reward * float(action == 1), ended, False, {"is_success": ended and self.success}
 
 
+@pytest.fixture(autouse=True)
+def forget() -> Iterator[None]:
+    """Let no test of this file or of another see the fingerprint of an environment that was changed for one."""
+    yield
+    module._fingerprint.cache_clear()
+
+
 @pytest.fixture
 def lamp() -> Iterator[str]:
     gymnasium.register("Test/Lamp-v0", Lamp, disable_env_checker=True)
-    module._fingerprint.cache_clear()
     yield "Test/Lamp-v0"
     del gymnasium.registry["Test/Lamp-v0"]
 

@@ -268,12 +268,15 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 
 def alive(group: int) -> bool:
-    """Return whether anything is left of a process group."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return False
-    return True
+    """Return whether anything of a process group still runs; what nobody has waited for does not."""
+
+    def runs(process: psutil.Process) -> bool:
+        try:
+            return os.getpgid(process.pid) == group and process.status() != psutil.STATUS_ZOMBIE
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            return False
+
+    return any(map(runs, psutil.process_iter()))
 
 
 # What is told of them.
@@ -339,8 +342,8 @@ def test_survey_of_nothing(tmp_path: Path) -> None:
 
 def test_plain_progress_prints_lines(tmp_path: Path) -> None:
     stream = io.StringIO()
-    observer = make_observer(stream)
-    assert isinstance(observer, PlainProgress)
+    assert isinstance(make_observer(stream), PlainProgress)
+    observer = PlainProgress(stream, every_s=1e6)
     run_suite(expand(SMOKE, [WALKER, BROKEN], [0], budget=300), tmp_path, executor=Here(), observer=observer)
     assert stream.getvalue().splitlines() == [
         "finished: walker on FourRooms-7x7-300, seed 0",
@@ -353,14 +356,14 @@ def test_plain_progress_prints_now_and_then(tmp_path: Path) -> None:
     stream = io.StringIO()
     observer = PlainProgress(stream, every_s=0.05)
     observer.started(walkers([0, 1]), tmp_path)
-    time.sleep(0.5)
+    wait_for(lambda: stream.getvalue().count("\n") > 1)
     observer.closed()
     lines = stream.getvalue().splitlines()
-    assert len(lines) > 2
     assert lines[0] == "0/2 runs, 0/600 env steps, 0 steps/s, ? left"
 
 
-def test_live_progress_draws_what_is_running(tmp_path: Path) -> None:
+def test_live_progress_draws_what_is_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
     (spec,) = walkers()
     stream = io.StringIO()
     observer = LiveProgress(Console(file=stream, force_terminal=True, width=120, no_color=True))

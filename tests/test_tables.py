@@ -251,7 +251,10 @@ def test_json_holds_the_whole_table(grid_7x7: list[RunRecord]) -> None:
     assert type(table).model_fields.keys() == data.keys()
 
 
-def test_rich_is_plain_without_a_terminal_and_fits_one(grid_7x7: list[RunRecord]) -> None:
+def test_rich_is_plain_without_a_terminal_and_fits_one(
+    grid_7x7: list[RunRecord], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
     tables = tabulate(grid_7x7)
     assert "\x1b" not in render(tables, "rich")
     assert "\x1b" in render(tables, "rich", width=100)
