@@ -18,13 +18,13 @@ import numpy as np
 from sprl_bench import metrics
 from sprl_bench.records import RunRecord, RunSpec, write_bytes
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import BOOTSTRAP_SEED, Result, Table, tabulate
+from sprl_bench.tables import BOOTSTRAP_SEED, Result, Table, tabulate, tabulate_results, task_names
 
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["SUFFIXES", "draw_curves", "plot"]
+__all__ = ["SUFFIXES", "draw_curves", "plot", "plot_results"]
 
 SUFFIXES = (".pdf", ".png", ".svg")
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -33,6 +33,8 @@ DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
 COLUMNS = 4
 PANEL = (3.4, 2.7)  # inches
 TITLE_LETTERS = 44  # of a line above a panel
+SAMPLE = 0.7  # inches, of the line before a name in the legend and the space around both
+LEGEND_ROW = 0.19  # inches
 UNDATED: Mapping[str, Mapping[str, None]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
 STYLE: Final[Any] = {  # matplotlib keeps the type of the keys to itself
     "axes.spines.right": False,
@@ -79,14 +81,34 @@ def plot(
         ValueError: There is no finished run, a task or an agent is unknown, or the file's suffix is another.
         ModuleNotFoundError: matplotlib is not installed.
     """
-    suffix = output.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
+    _check_suffix(output)
     everything = list(records)
     tables = tabulate(everything, tasks=tasks, agents=agents, planned=planned, allow_missing=allow_missing)
-    results = [Result.of(record) for record in everything if record.status == "complete"]
+    _write(tables, [Result.of(record) for record in everything if record.status == "complete"], output)
 
+
+def plot_results(
+    results: Sequence[Result], output: Path, *, tasks: Sequence[str] | None = None, planned: Iterable[RunSpec] = ()
+) -> None:
+    """Draw the learning curves of one suite's results, such as a board's entries; else as `plot`."""
+    _check_suffix(output)
+    names = task_names(results)
+    for task in tasks or ():
+        if task not in names:
+            raise ValueError(unknown("task among these results:", task, names))
+    _write([tabulate_results(results, tasks=tasks, planned=planned)], results, output)
+
+
+def _check_suffix(output: Path) -> None:
+    if output.suffix.lower() not in SUFFIXES:
+        raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
+
+
+def _write(tables: Sequence[Table], results: Collection[Result], output: Path) -> None:
+    """Draw into a file what `draw_curves` draws."""
     import matplotlib as mpl  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    suffix = output.suffix.lower()
 
     with mpl.rc_context(STYLE):
         buffer = io.BytesIO()
@@ -108,7 +130,12 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)
     looks = _looks(row.agent for table in tables for row in table.rows)
-    figure = Figure(figsize=(columns * PANEL[0], rows * PANEL[1] + 0.4), layout="constrained")
+    names = [f"{agent} {_describe(agent, tables)}" for agent in looks]
+    longest = max(map(_inches, names)) + SAMPLE
+    width = max(columns * PANEL[0], longest)
+    abreast = int(width / longest)
+    height = rows * PANEL[1] + LEGEND_ROW * -(-len(names) // abreast) + 0.2
+    figure = Figure(figsize=(width, height), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False)
     for (table, task), axes in zip(panels, grid.flat, strict=False):
         axes.set_title(textwrap.fill(task if len(tables) == 1 else f"{table.suite}: {task}", TITLE_LETTERS))
@@ -120,14 +147,19 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
     for axes in grid[:, 0]:
         axes.set_ylabel("Mean return")
     figure.supxlabel("Mean over seeds; bands are 95 % bootstrap intervals.", fontsize=7, color="#555555")
-    _draw_legend(figure, looks, tables, columns + columns // 2)
+    _draw_legend(figure, list(looks.values()), names, abreast)
     return figure
 
 
 def _looks(agents: Iterable[str]) -> dict[str, Look]:
+    """Return each agent's look; an agent's presets, as in sprl@tuned, share its colour and differ in dashes."""
+    families: dict[str, list[str]] = {}
+    for agent in sorted(set(agents)):
+        families.setdefault(agent.partition("@")[0], []).append(agent)
     return {
-        agent: Look(COLOURS[number % len(COLOURS)], DASHES[number // len(COLOURS) % len(DASHES)])
-        for number, agent in enumerate(sorted(set(agents)))
+        agent: Look(COLOURS[number % len(COLOURS)], DASHES[(number // len(COLOURS) + preset) % len(DASHES)])
+        for number, family in enumerate(families.values())
+        for preset, agent in enumerate(family)
     }
 
 
@@ -161,12 +193,20 @@ def _draw_agent(axes: Axes, curves: metrics.Array, budget: int, look: Look) -> N
         axes.fill_between(steps, *band, color=look.colour, alpha=0.18, linewidth=0)
 
 
-def _draw_legend(figure: Figure, looks: Mapping[str, Look], tables: Sequence[Table], columns: int) -> None:
-    """Name each agent once, above all panels, with its seeds."""
+def _inches(text: str) -> float:
+    """Return how wide a text is in the legend."""
+    from matplotlib import rcParams  # noqa: PLC0415 - the extra `plots`, and slow to load
+    from matplotlib.textpath import TextPath  # noqa: PLC0415 - likewise
+
+    points = float(TextPath((0, 0), text, size=rcParams["font.size"]).get_extents().width)
+    return 1.05 * points / 72  # letters are drawn on whole pixels, a little wider than their outlines
+
+
+def _draw_legend(figure: Figure, looks: Sequence[Look], names: Sequence[str], columns: int) -> None:
+    """Name each agent once, above all panels."""
     from matplotlib.lines import Line2D  # noqa: PLC0415 - the extra `plots`, and slow to load
 
-    lines = [Line2D([], [], color=look.colour, linestyle=look.dashes, linewidth=1.6) for look in looks.values()]
-    names = [f"{agent} {_describe(agent, tables)}" for agent in looks]
+    lines = [Line2D([], [], color=look.colour, linestyle=look.dashes, linewidth=1.6) for look in looks]
     figure.legend(lines, names, loc="outside upper center", ncols=min(columns, len(names)))
 
 

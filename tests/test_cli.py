@@ -239,6 +239,34 @@ def test_a_picture(capsys: Capture, runs: Path, tmp_path: Path) -> None:
     assert (status, "llowed: .pdf, .png, .svg" in line) == (2, True)
 
 
+def test_a_picture_of_a_board(
+    capsys: Capture, home: Path, make_record: MakeRecord, write_runs: WriteRuns, tmp_path: Path
+) -> None:
+    path, board = tmp_path / "curves.svg", home / "grid-7x7"
+    assert call(capsys, "leaderboard", "plot", board, "-o", path) == (0, "", f"Wrote {path}.\n")
+    text = path.read_text()
+    assert all(name in text for name in ("ppo (5 seeds)", "random (5 seeds)", "FourRooms-7x7", "KeyDoors-7x7"))
+
+    mine = [make_record("mine", task, suite="grid-7x7") for task in ("FourRooms-7x7", "KeyDoors-7x7")]
+    other = make_record("mine", suite="smoke")
+    beside = ["leaderboard", "plot", board, "-o", path, "--runs"]
+    assert call(capsys, *beside, write_runs([*mine, other]), "--agent", "mine", "--agent", "ppo")[0] == 0
+    text = path.read_text()
+    assert ["mine (1 seed)" in text, "ppo (5 seeds)" in text, "random" in text] == [True, True, False]
+
+    path.unlink()
+    status, line = refused(capsys, *beside, write_runs([make_record("mine", seed=1, suite="grid-7x7")]))
+    assert (status, "KeyDoors-7x7/mine/seed-1" in line) == (1, True)
+    ours = write_runs([make_record("ppo", suite="grid-7x7")])
+    status, line = refused(capsys, *beside, ours)
+    assert (status, line) == (2, "There are both runs and an entry of ppo; choose other agents by name.")
+    status, line = refused(capsys, *beside, ours, "--agent", "pppo")
+    assert (status, "did you mean 'ppo'" in line) == (2, True)
+    status, line = refused(capsys, *beside[:-1], "--task", "FourRooms")
+    assert (status, "did you mean 'FourRooms-7x7'" in line) == (2, True)
+    assert not path.exists()
+
+
 def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> None:
     home = tmp_path / "boards"
     path = home / "grid-7x7" / "ppo.json"

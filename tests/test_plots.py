@@ -78,6 +78,32 @@ def test_many_agents_are_told_apart(make_record: MakeRecord) -> None:
     assert len({(line.get_color(), line.get_linestyle()) for line in figure.axes[0].get_lines()}) == 20
 
 
+def test_presets_of_an_agent_share_its_colour(make_record: MakeRecord) -> None:
+    records = [make_record(agent) for agent in ("sprl@tuned", "ppo", "sprl", "ppo@tuned", "sprl@ablation")]
+    figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])
+    [legend] = figure.legends
+    looks = {
+        text.get_text().split()[0]: (line.get_color(), line.get_linestyle())
+        for text, line in zip(legend.texts, legend.get_lines(), strict=True)
+    }
+    assert len(set(looks.values())) == 5
+    assert looks["sprl"][0] == looks["sprl@tuned"][0] == looks["sprl@ablation"][0] != looks["ppo"][0]
+    assert looks["ppo"][0] == looks["ppo@tuned"][0]
+    assert looks["sprl"][1] == looks["ppo"][1] == "-"
+
+
+@pytest.mark.parametrize("letters", [3, 30, 60])
+def test_the_legend_stays_inside_the_picture(letters: int, make_record: MakeRecord) -> None:
+    records = [make_record("m" * letters + str(number), privileged=True) for number in range(6)]
+    figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])
+    figure.canvas.draw()
+    [legend] = figure.legends
+    box, whole = legend.get_window_extent(), figure.bbox
+    assert box.height < whole.height / 2
+    assert box.x0 >= 0
+    assert box.x1 <= whole.x1
+
+
 def test_missing_runs_are_refused_or_counted(make_record: MakeRecord, tmp_path: Path) -> None:
     records = [make_record(seed=0), make_record(seed=1, status="incomplete")]
     with pytest.raises(MissingRunsError):

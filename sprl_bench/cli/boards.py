@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sprl_bench.cli.listing import require_command
-from sprl_bench.cli.reports import Format, Output, check_choice, choose_format, deliver, planned_runs, terminal_width
+from sprl_bench.cli.reports import (
+    Agents,
+    Format,
+    Output,
+    Picture,
+    Tasks,
+    check_choice,
+    choose_format,
+    deliver,
+    planned_runs,
+    terminal_width,
+)
 from sprl_bench.cli.running import parse_seeds
 
 if TYPE_CHECKING:  # loaded when a command needs it
@@ -22,6 +33,8 @@ __all__ = ["app"]
 app = typer.Typer(
     help="Show, check, extend and challenge the leaderboards.", callback=require_command, invoke_without_command=True
 )
+
+BOARD = "A board: its name, as grid, or its folder, as leaderboards/grid; or one entry's file."
 
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
 OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]
@@ -92,13 +105,9 @@ def add(
 @app.command("compare")
 def compare(
     runs: Runs,
-    against: Annotated[
-        Path, typer.Option(help="A board: its name, as grid, or its folder, as leaderboards/grid; or one entry's file.")
-    ],
+    against: Annotated[Path, typer.Option(help=BOARD)],
     agent: Annotated[str | None, typer.Option(help="Whose runs; by default every agent's.")] = None,
-    task: Annotated[
-        list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")
-    ] = None,
+    task: Tasks = None,
     seeds: Seeds = None,
     form: Annotated[
         str | None, typer.Option("--format", help="rich, md, latex or json; by default as the file's name ends.")
@@ -114,6 +123,27 @@ def compare(
         records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned
     )
     deliver(leaderboard.render_comparisons(compared, form, width=terminal_width(output)), output)
+
+
+@app.command("plot")
+def plot(
+    board: Annotated[Path, typer.Argument(help=BOARD)],
+    output: Picture,
+    runs: Annotated[Path | None, typer.Option(help="A folder with runs to draw beside the entries.")] = None,
+    task: Tasks = None,
+    agent: Agents = None,
+) -> None:
+    """Draw the learning curves of a board's entries, one panel a task."""
+    from sprl_bench import leaderboard, plots
+
+    entries = leaderboard.find_board(board)
+    records, planned = _runs_of(runs, None) if runs else ([], [])
+    results = leaderboard.side_by_side(entries, records, agents=agent or None)
+    suite, entered = entries[0].suite, {entry.agent for entry in entries}
+    own = set(agent or [spec.agent for spec in planned]) - entered
+    asked_for = [spec for spec in planned if spec.suite == suite and spec.agent in own]
+    plots.plot_results(results, output, tasks=task or None, planned=asked_for)
+    typer.echo(f"Wrote {output}.", err=True)
 
 
 def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[RunSpec]]:

@@ -19,8 +19,11 @@ if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
 
 __all__ = [
+    "Agents",
     "Format",
     "Output",
+    "Picture",
+    "Tasks",
     "check_choice",
     "choose_format",
     "deliver",
@@ -41,6 +44,7 @@ Format = Annotated[
     str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default as the file's name ends.")
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
+Picture = Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")]
 
 
 def table(
@@ -68,7 +72,7 @@ def table(
 
 def plot(
     runs: Runs,
-    output: Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")],
+    output: Picture,
     task: Tasks = None,
     agent: Agents = None,
     allow_missing: AllowMissing = False,

@@ -8,6 +8,7 @@ from sprl_bench.leaderboard.comparing import (
     Difference,
     compare,
     render_comparisons,
+    side_by_side,
 )
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
 from sprl_bench.leaderboard.making import check_suite, make_entry
@@ -49,5 +50,6 @@ __all__ = [
     "read_entry",
     "render_comparisons",
     "schema",
+    "side_by_side",
     "validate",
 ]

@@ -29,7 +29,7 @@ from sprl_bench.tables import (
     number,
 )
 
-__all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons"]
+__all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons", "side_by_side"]
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
 ABSENT: Final = object()
@@ -110,6 +110,34 @@ def compare(
         for results in [[result for result in complete if result.agent == name]]
         for entry in entries
     ]
+
+
+def side_by_side(
+    entries: Sequence[Entry], records: Iterable[RunRecord] = (), *, agents: Sequence[str] | None = None
+) -> list[Result]:
+    """Return the results of a board's entries and of finished runs of its suite.
+
+    Args:
+        entries: Of one suite.
+        records: Runs; those that are unfinished or of other suites are passed over.
+        agents: Whose results, or None for all.
+
+    Raises:
+        ValueError: There is no entry or no such agent, or runs and entries have an agent of one name.
+    """
+    if not entries:
+        raise ValueError("This board has no entry yet.")
+    entered = [result for entry in entries for result in entry.results()]
+    finished = [record for record in records if record.spec.suite == entries[0].suite and record.status == "complete"]
+    everything = [*entered, *map(Result.of, finished)]
+    names = {result.agent for result in everything}
+    for agent in agents or ():
+        if agent not in names:
+            raise ValueError(unknown("agent among these runs and entries:", agent, names))
+    chosen = names if agents is None else set(agents)
+    if twice := sorted(chosen & {record.spec.agent for record in finished} & {entry.agent for entry in entries}):
+        raise ValueError(f"There are both runs and an entry of {', '.join(twice)}; choose other agents by name.")
+    return [result for result in everything if result.agent in chosen]
 
 
 def _compare(
