@@ -27,7 +27,7 @@ from sprl_baselines.sprl import SPRL, SPRLConfig
 from sprl_bench import solver
 from sprl_bench.records import find_records
 
-FAR = 6  # distances from here on count as one
+FAR = 6  # distances from here on count as one, with what cannot be reached at all
 EVERY = 8  # of so many steps one has all its stretches looked at
 WINDOWS = 8  # lines of the report for one run
 
@@ -70,7 +70,7 @@ class Probed(SPRL):
         return costs
 
     def _answers(self, states: Tensor, runs: Tensor) -> dict[str, float]:
-        """Return, by exact distance, the share of stretches and the share of these that the network calls reached."""
+        """Return, by exact distance, the number of stretches and of those that the network calls reached."""
         steps, num_envs = runs.shape
         flat = states.flatten(0, 1)
         rows, envs, lengths = (runs[::EVERY, :, None] >= self._lengths).nonzero(as_tuple=True)
@@ -83,8 +83,8 @@ class Probed(SPRL):
         found = {}
         for distance in range(FAR + 1):
             here = distances == distance
-            found[f"stretches_at_{distance}"] = float(here.float().mean())
-            found[f"reached_at_{distance}"] = float(reached[here].mean())
+            found[f"stretches_at_{distance}"] = float(here.sum())
+            found[f"reached_at_{distance}"] = float(reached[here].sum())
         return found
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
@@ -107,27 +107,27 @@ gt_sprl = LearningAgentFactory("gt-sprl", Probed.true, SPRLConfig, privileged=Tr
 
 
 def report(run: Path) -> str:
-    """Return a line for each part of a run: accuracy, charges, and what the network says at each distance."""
+    """Return a line for each part of a run in which something was counted: charges, and answers by distance."""
     lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
-    probed = [line for line in lines if "charged_exactly" in line]
-    last = lines[-1]["env_steps"]
+    last = max((line["env_steps"] for line in lines), default=0)
     rows = []
     for window in range(WINDOWS):
-        inside = [line for line in probed if window < WINDOWS * line["env_steps"] / last <= window + 1]
-        if inside:
+        inside = [line for line in lines if window < WINDOWS * line["env_steps"] / last <= window + 1]
+        if any("charged_exactly" in line for line in inside):
             rows.append(_row(last * (window + 1) // WINDOWS, inside))
-    return "\n".join(rows)
+    return "\n".join(rows) or "nothing was counted"
 
 
 def _row(until: int, lines: list[Line]) -> str:
-    exactly, by_network = _mean(lines, "charged_exactly"), _mean(lines, "charged_by_network")
-    both = _mean(lines, "charged_by_both")
-    accuracy = _mean([line for line in lines if "reachability_accuracy" in line], "reachability_accuracy")
-    reached = " ".join(f"{_mean(lines, f'reached_at_{distance}'):.2f}" for distance in range(FAR + 1))
-    shares = " ".join(f"{_mean(lines, f'stretches_at_{distance}'):.2f}" for distance in range(FAR + 1))
+    accuracy = _mean(lines, "reachability_accuracy")
+    exactly, by_network, both = (_mean(lines, f"charged_{how}") for how in ("exactly", "by_network", "by_both"))
+    stretches = [sum(line.get(f"stretches_at_{distance}", 0) for line in lines) for distance in range(FAR + 1)]
+    reached = [sum(line.get(f"reached_at_{distance}", 0) for line in lines) for distance in range(FAR + 1)]
+    shares = " ".join(f"{count / max(sum(stretches), 1):.2f}" for count in stretches)
+    answers = " ".join(f"{yes / count:.2f}" if count else "-" for yes, count in zip(reached, stretches, strict=True))
     return (
         f"to {until:>9,}: accuracy {accuracy:.3f}; charged exactly {exactly:.3f}, by the network {by_network:.3f}, "
-        f"by both {both:.3f}; reached at 0 to {FAR}: {reached} (of {shares})"
+        f"by both {both:.3f}; reached at 0 to {FAR}: {answers} (shares {shares})"
     )
 
 
@@ -136,7 +136,14 @@ def _mean(lines: Iterable[Line], name: str) -> float:
     return statistics.mean(values) if values else float("nan")
 
 
-if __name__ == "__main__":
-    for record in find_records(Path(sys.argv[1])):
+def main(runs: Path) -> None:
+    """Print the report of every finished run below a folder."""
+    for record in find_records(runs):
         print(f"{record.spec.task.name}, {record.spec.agent}, seed {record.spec.seed}")
-        print(report(record.spec.path(Path(sys.argv[1]))))
+        print(report(record.spec.path(runs)))
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("Name one folder of runs: python -m benchmarks.network_errors RUNS")
+    main(Path(sys.argv[1]))

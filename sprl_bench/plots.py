@@ -18,7 +18,15 @@ import numpy as np
 from sprl_bench import metrics
 from sprl_bench.records import RunRecord, RunSpec, write_bytes
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import BOOTSTRAP_SEED, Result, Table, tabulate, tabulate_results, task_names
+from sprl_bench.tables import (
+    BOOTSTRAP_SEED,
+    MissingRunsError,
+    Result,
+    Table,
+    tabulate,
+    tabulate_results,
+    task_names,
+)
 
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes
@@ -88,15 +96,22 @@ def plot(
 
 
 def plot_results(
-    results: Sequence[Result], output: Path, *, tasks: Sequence[str] | None = None, planned: Iterable[RunSpec] = ()
+    results: Sequence[Result],
+    output: Path,
+    *,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
 ) -> None:
     """Draw the learning curves of one suite's results, such as a board's entries; else as `plot`."""
     _check_suffix(output)
+    if not results:
+        raise MissingRunsError("There is no finished run to draw.")
     names = task_names(results)
     for task in tasks or ():
         if task not in names:
             raise ValueError(unknown("task among these results:", task, names))
-    _write([tabulate_results(results, tasks=tasks, planned=planned)], results, output)
+    _write([tabulate_results(results, tasks=tasks, planned=planned, allow_missing=allow_missing)], results, output)
 
 
 def _check_suffix(output: Path) -> None:
@@ -153,14 +168,15 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
 
 def _looks(agents: Iterable[str]) -> dict[str, Look]:
     """Return each agent's look; an agent's presets, as in sprl@tuned, share its colour and differ in dashes."""
-    families: dict[str, list[str]] = {}
-    for agent in sorted(set(agents)):
-        families.setdefault(agent.partition("@")[0], []).append(agent)
-    return {
-        agent: Look(COLOURS[number % len(COLOURS)], DASHES[(number // len(COLOURS) + preset) % len(DASHES)])
-        for number, family in enumerate(families.values())
-        for preset, agent in enumerate(family)
-    }
+    looks: dict[str, Look] = {}
+    families: dict[str, str] = {}
+    for agent in sorted(set(agents), key=lambda name: ("@" in name, name)):
+        family = agent.partition("@")[0]
+        colour = families.setdefault(family, COLOURS[len(families) % len(COLOURS)])
+        wanted = [Look(colour, dashes) for dashes in DASHES]
+        others = [Look(other, dashes) for dashes in DASHES for other in COLOURS]
+        looks[agent] = next((look for look in (*wanted, *others) if look not in looks.values()), wanted[0])
+    return dict(sorted(looks.items()))
 
 
 def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -> None:
@@ -190,7 +206,7 @@ def _draw_agent(axes: Axes, curves: metrics.Array, budget: int, look: Look) -> N
     axes.plot(steps, curves.mean(axis=0), color=look.colour, linestyle=look.dashes, linewidth=1.6)
     band = metrics.curve_band(curves, np.random.default_rng(BOOTSTRAP_SEED))
     if band is not None:
-        axes.fill_between(steps, *band, color=look.colour, alpha=0.18, linewidth=0)
+        axes.fill_between(steps, *band, color=look.colour, alpha=0.12, linewidth=0)
 
 
 def _inches(text: str) -> float:

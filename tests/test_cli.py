@@ -254,17 +254,31 @@ def test_a_picture_of_a_board(
     text = path.read_text()
     assert ["mine (1 seed)" in text, "ppo (5 seeds)" in text, "random" in text] == [True, True, False]
 
-    path.unlink()
-    status, line = refused(capsys, *beside, write_runs([make_record("mine", seed=1, suite="grid-7x7")]))
-    assert (status, "KeyDoors-7x7/mine/seed-1" in line) == (1, True)
-    ours = write_runs([make_record("ppo", suite="grid-7x7")])
-    status, line = refused(capsys, *beside, ours)
-    assert (status, line) == (2, "There are both runs and an entry of ppo; choose other agents by name.")
-    status, line = refused(capsys, *beside, ours, "--agent", "pppo")
+    again = write_runs([make_record("ppo", task, suite="grid-7x7") for task in ("FourRooms-7x7", "KeyDoors-7x7")])
+    assert call(capsys, *beside, again)[0] == 0
+    assert "ppo of the runs (1 seed)" in path.read_text()
+    assert "ppo (5 seeds)" in path.read_text()
+
+
+def test_a_picture_of_a_board_with_something_missing(
+    capsys: Capture, home: Path, make_record: MakeRecord, write_runs: WriteRuns, tmp_path: Path
+) -> None:
+    path = tmp_path / "curves.svg"
+    board = ["leaderboard", "plot", home / "grid-7x7", "-o", path]
+    half = make_record("mine", seed=1, suite="grid-7x7")
+    beside = [*board, "--runs", write_runs([half])]
+    status, line = refused(capsys, *beside)
+    assert (status, "KeyDoors-7x7/mine/seed-1" in line, "--allow-missing" in line) == (1, True, True)
+    status, line = refused(capsys, *beside, "--agent", "pppo")
     assert (status, "did you mean 'ppo'" in line) == (2, True)
-    status, line = refused(capsys, *beside[:-1], "--task", "FourRooms")
+    status, line = refused(capsys, *board, "--task", "FourRooms")
     assert (status, "did you mean 'FourRooms-7x7'" in line) == (2, True)
+    (tmp_path / "empty").mkdir()
+    status, line = refused(capsys, *board, "--runs", tmp_path / "empty")
+    assert (status, line) == (2, f"There is no run of suite 'grid-7x7' in {tmp_path / 'empty'}.")
     assert not path.exists()
+    assert call(capsys, *beside, "--allow-missing")[0] == 0
+    assert "mine" in path.read_text()
 
 
 def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> None:

@@ -92,6 +92,20 @@ def test_presets_of_an_agent_share_its_colour(make_record: MakeRecord) -> None:
     assert looks["sprl"][1] == looks["ppo"][1] == "-"
 
 
+@pytest.mark.parametrize(
+    "agents",
+    [
+        [f"sprl@{preset}" for preset in "abcdefghij"],
+        [*"abcdefgh", "a@tuned", "b@tuned", "h@tuned"],
+        [f"{agent}@{preset}" for agent in "abcdefg" for preset in "wxyz"],
+    ],
+)
+def test_no_two_agents_look_alike(agents: list[str], make_record: MakeRecord) -> None:
+    records = [make_record(agent) for agent in agents]
+    figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])
+    assert len({(line.get_color(), line.get_linestyle()) for line in figure.axes[0].get_lines()}) == len(agents)
+
+
 @pytest.mark.parametrize("letters", [3, 30, 60])
 def test_the_legend_stays_inside_the_picture(letters: int, make_record: MakeRecord) -> None:
     records = [make_record("m" * letters + str(number), privileged=True) for number in range(6)]

@@ -12,6 +12,7 @@ import typer
 from sprl_bench.cli.listing import require_command
 from sprl_bench.cli.reports import (
     Agents,
+    AllowMissing,
     Format,
     Output,
     Picture,
@@ -132,17 +133,17 @@ def plot(
     runs: Annotated[Path | None, typer.Option(help="A folder with runs to draw beside the entries.")] = None,
     task: Tasks = None,
     agent: Agents = None,
+    allow_missing: AllowMissing = False,
 ) -> None:
     """Draw the learning curves of a board's entries, one panel a task."""
     from sprl_bench import leaderboard, plots
 
     entries = leaderboard.find_board(board)
     records, planned = _runs_of(runs, None) if runs else ([], [])
-    results = leaderboard.side_by_side(entries, records, agents=agent or None)
-    suite, entered = entries[0].suite, {entry.agent for entry in entries}
-    own = set(agent or [spec.agent for spec in planned]) - entered
-    asked_for = [spec for spec in planned if spec.suite == suite and spec.agent in own]
-    plots.plot_results(results, output, tasks=task or None, planned=asked_for)
+    results, wanted = leaderboard.side_by_side(entries, records, planned=planned, agents=agent or None)
+    if runs and not any(spec.suite == entries[0].suite for spec in planned):
+        raise ValueError(f"There is no run of suite {entries[0].suite!r} in {runs}.")
+    plots.plot_results(results, output, tasks=task or None, planned=wanted, allow_missing=allow_missing)
     typer.echo(f"Wrote {output}.", err=True)
 
 

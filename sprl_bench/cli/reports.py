@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # loaded when a command needs them
 
 __all__ = [
     "Agents",
+    "AllowMissing",
     "Format",
     "Output",
     "Picture",

@@ -113,31 +113,44 @@ def compare(
 
 
 def side_by_side(
-    entries: Sequence[Entry], records: Iterable[RunRecord] = (), *, agents: Sequence[str] | None = None
-) -> list[Result]:
-    """Return the results of a board's entries and of finished runs of its suite.
+    entries: Sequence[Entry],
+    records: Iterable[RunRecord] = (),
+    *,
+    planned: Iterable[RunSpec] = (),
+    agents: Sequence[str] | None = None,
+) -> tuple[list[Result], list[RunSpec]]:
+    """Return the results of a board's entries and of finished runs of its suite, and all that was planned of these.
+
+    Runs of an agent that has an entry go by another name, "ppo of the runs".
 
     Args:
         entries: Of one suite.
-        records: Runs; those that are unfinished or of other suites are passed over.
-        agents: Whose results, or None for all.
+        records: Runs, of other suites too; incomplete ones count as missing.
+        planned: Runs that were asked for: those without a record count as missing.
+        agents: Whose results, of entries and runs alike, or None for all.
 
     Raises:
-        ValueError: There is no entry or no such agent, or runs and entries have an agent of one name.
+        ValueError: There is no entry, or no such agent.
     """
     if not entries:
         raise ValueError("This board has no entry yet.")
-    entered = [result for entry in entries for result in entry.results()]
-    finished = [record for record in records if record.spec.suite == entries[0].suite and record.status == "complete"]
-    everything = [*entered, *map(Result.of, finished)]
-    names = {result.agent for result in everything}
+    suite, entered = entries[0].suite, {entry.agent for entry in entries}
+    own = [record for record in records if record.spec.suite == suite]
+    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in own)]
+    names = entered | {spec.agent for spec in wanted}
     for agent in agents or ():
         if agent not in names:
-            raise ValueError(unknown("agent among these runs and entries:", agent, names))
+            raise ValueError(unknown("agent among these entries and runs:", agent, names))
     chosen = names if agents is None else set(agents)
-    if twice := sorted(chosen & {record.spec.agent for record in finished} & {entry.agent for entry in entries}):
-        raise ValueError(f"There are both runs and an entry of {', '.join(twice)}; choose other agents by name.")
-    return [result for result in everything if result.agent in chosen]
+    named = {agent: f"{agent} of the runs" if agent in entered else agent for agent in names}
+    results = [Result.of(record) for record in own if record.status == "complete"]
+    return (
+        [
+            *(result for entry in entries for result in entry.results() if result.agent in chosen),
+            *(replace(result, agent=named[result.agent]) for result in results if result.agent in chosen),
+        ],
+        [spec.model_copy(update={"agent": named[spec.agent]}) for spec in wanted if spec.agent in chosen],
+    )
 
 
 def _compare(
