@@ -11,19 +11,16 @@ import hashlib
 import json
 import logging
 import math
-import signal
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import FrameType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from sprl_bench import checkpoint, machine
 from sprl_bench.agents import Playable, Resumable, load_factory
+from sprl_bench.process import StopSignals, torch_set_up
 from sprl_bench.recorder import VectorRecorder, make_envs
 from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, WEIGHTS, lock, remove_leftovers
 from sprl_bench.recorder.results import write_result
@@ -83,7 +80,7 @@ def run(
         remove_leftovers(folder)
         (folder / ERROR).unlink(missing_ok=True)
         write(folder / SPEC, spec)
-        with contextlib.ExitStack() as opened, _Signals() as signals:
+        with contextlib.ExitStack() as opened, StopSignals() as signals:
             session = _Session(spec, folder, opened)
             _train(session, checkpoint_every_s, lambda: signals.received or stop())
             return session.finish()
@@ -156,7 +153,7 @@ class _Session:
         self._commits = [machine.git_commit()]
         factory = load_factory(spec.source or spec.agent)
         self._code, self._processor = machine.agent_code(spec.source), machine.hardware().cpu
-        opened.enter_context(_process_set_up(spec))
+        opened.enter_context(torch_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
@@ -302,57 +299,3 @@ def _joined(commits: Sequence[str]) -> str | None:
     if len(commits) <= MANY_COMMITS:
         return ", ".join(commits) or None
     return f"{commits[0]}, {len(commits) - 2} others, {commits[-1]}"
-
-
-@contextlib.contextmanager
-def _process_set_up(spec: RunSpec) -> Iterator[None]:
-    """Set what belongs to the process, if the agent has loaded torch.
-
-    That is threads, denormal numbers counted as 0, and on a GPU the algorithms that give the same bits each time, as
-    far as torch has them; it warns of the others.
-    """
-    torch = sys.modules.get("torch")
-    if torch is None:
-        yield
-        return
-    threads, flushed = torch.get_num_threads(), float.fromhex("0x1p-1022") * 0.5 == 0.0
-    deterministic, warns = (
-        torch.are_deterministic_algorithms_enabled(),
-        torch.is_deterministic_algorithms_warn_only_enabled(),
-    )
-    torch.set_num_threads(spec.torch_threads)
-    torch.set_flush_denormal(True)
-    if spec.device != "cpu":
-        torch.use_deterministic_algorithms(True, warn_only=True)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-        torch.set_flush_denormal(flushed)
-        torch.use_deterministic_algorithms(deterministic, warn_only=warns)
-
-
-class _Signals:
-    """Turns the first SIGTERM or SIGINT into a request; the second one acts as it would have without.
-
-    One that is ignored stays so: workers ignore Ctrl-C, since who started them hears it too and tells them.
-    """
-
-    def __init__(self) -> None:
-        self.received = False
-        self._before: dict[signal.Signals, Any] = {}
-
-    def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGINT):
-                if signal.getsignal(number) is not signal.SIG_IGN:
-                    self._before[number] = signal.signal(number, self._receive)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _receive(self, _number: int, _frame: FrameType | None) -> None:
-        self.received = True
-        self.__exit__()

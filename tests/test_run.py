@@ -19,6 +19,7 @@ import pytest
 
 from sprl_bench import checkpoint, machine, metrics
 from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.process import torch_set_up
 from sprl_bench.recorder import make_envs
 from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
@@ -27,7 +28,6 @@ from sprl_bench.run import (
     InterruptedRunError,
     SpecChangedError,
     _joined,
-    _process_set_up,
     env_seed,
     run,
 )
@@ -336,7 +336,7 @@ def test_another_processor_is_told(
 @pytest.mark.parametrize(("device", "wanted"), [("cpu", False), ("cuda", True)])
 def test_a_gpu_has_to_give_the_same_bits(device: str, wanted: bool) -> None:
     torch = pytest.importorskip("torch")
-    with _process_set_up(make_spec().model_copy(update={"device": device})):
+    with torch_set_up(make_spec().model_copy(update={"device": device})):
         assert torch.are_deterministic_algorithms_enabled() is wanted
     assert not torch.are_deterministic_algorithms_enabled()
 
