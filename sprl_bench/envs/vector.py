@@ -8,34 +8,28 @@ arrays and the three functions that change them: seed, restart, advance.
 from __future__ import annotations
 
 import hashlib
-from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
 
 from sprl_bench.envs.arguments import check_array, check_choice, check_entries, check_integer, refuse_unknown
+from sprl_bench.envs.engine import Array, Engine, Mask, Rows
 from sprl_bench.envs.seeds import checked_seeds, pack_seeds, random_seed, unpack_seeds
 from sprl_bench.envs.threads import Threads
+from sprl_bench.envs.vector_arguments import ARGUMENTS, NEVER, checked_autoreset_mode, checked_mask, checked_time_limit
 
-__all__ = ["ARGUMENTS", "BatchedEnv"]
+__all__ = ["BatchedEnv"]
 
-Array = NDArray[Any]
-Rows = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
-_NEVER: Final = np.iinfo(np.int64).max
 _NO_THREADS: Final = Threads(1, grain=1)
-ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
 
 
-class BatchedEnv(VectorEnv[Array, Array, Array]):
+class BatchedEnv(Engine):
     """N copies of one environment, held and stepped as arrays.
 
     Args:
@@ -53,16 +47,6 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
     """
 
     metadata: dict[str, Any]
-    grain: ClassVar[int] = 1
-    """The least number of sub-environments worth a thread."""
-
-    _observations: Array  # [N, ...], current; filled by _restart and _advance
-    _rewards: NDArray[np.float64]  # [N]
-    _terminations: Mask  # [N]
-    _truncations: Mask  # [N]
-    _elapsed: Rows  # [N] steps of the running episode
-    _ended: Mask  # [N] episode over and not yet restarted; stays False under SameStep
-
     _threads: Threads = _NO_THREADS
     _viewer: gymnasium.Env[Array, Any] | None = None
     _spec: EnvSpec | None = None
@@ -82,8 +66,8 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
     ) -> None:
         refuse_unknown(type(self).__name__, unknown, ARGUMENTS)
         self.num_envs = check_integer("num_envs", num_envs, 1)
-        self._mode = _autoreset_mode(autoreset_mode)
-        self._limit = _time_limit(max_episode_steps)
+        self._mode = checked_autoreset_mode(autoreset_mode)
+        self._limit = checked_time_limit(max_episode_steps)
         check_choice("render_mode", render_mode, [None, *self.metadata["render_modes"]])
         check_choice("copy", copy, [True, False])
         self.render_mode = render_mode
@@ -95,70 +79,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         self._copy = copy
         self._threads = Threads(num_threads, self.grain)
         self._allocate()
-
-    def _allocate(self) -> None:
-        shape, dtype = self.single_observation_space.shape, self.single_observation_space.dtype
-        assert shape is not None
-        self._observations = np.zeros((self.num_envs, *shape), dtype)
-        self._rewards = np.zeros(self.num_envs, np.float64)
-        self._terminations = np.zeros(self.num_envs, np.bool_)
-        self._truncations = np.zeros(self.num_envs, np.bool_)
-        self._elapsed = np.zeros(self.num_envs, np.int64)
-        self._ended = np.zeros(self.num_envs, np.bool_)
-        self._seeds: list[int | None] = [None] * self.num_envs
         self._everyone = np.ones(self.num_envs, np.bool_)
-        self._is_reset = False
-
-    # What an engine adds.
-
-    @abstractmethod
-    def _seed(self, rows: Rows, seeds: list[int]) -> None:
-        """Seed the streams of the sub-environments ``rows`` as ``gymnasium.utils.seeding.np_random`` would."""
-
-    @abstractmethod
-    def _restart(self, rows: Rows) -> None:
-        """Start a new episode in the sub-environments ``rows``: their observations and information."""
-
-    @abstractmethod
-    def _advance(self, actions: Array) -> None:
-        """Step each sub-environment that has not ended: observations, information, rewards and flags.
-
-        The others get reward 0 and no flag. ``_elapsed`` already counts the step.
-        """
-
-    @abstractmethod
-    def _checked_actions(self, actions: Any) -> Array:
-        """Return the actions as ``_advance`` takes them, or raise with nothing changed."""
-
-    @abstractmethod
-    def _information(self) -> Mapping[str, Array]:
-        """Return the live arrays [N, ...] behind ``infos``, by name."""
-
-    @abstractmethod
-    def _kind(self) -> str:
-        """Return what tells this engine's decision process from others."""
-
-    @abstractmethod
-    def _arrays(self) -> Mapping[str, Array]:
-        """Return the live arrays [N, ...] that, with those of this class, make up the state, by name."""
-
-    @abstractmethod
-    def _check_state(self, state: Mapping[str, Array]) -> None:
-        """Refuse arrays, of the right names, shapes and types, that the engine could not have been in."""
-
-    @abstractmethod
-    def _generator(self, row: int) -> np.random.Generator:
-        """Return a generator that would continue the stream of one sub-environment; the stream stays as it is."""
-
-    @abstractmethod
-    def _single(self) -> gymnasium.Env[Array, Any]:
-        """Make a single environment, with this engine's render mode."""
-
-    @abstractmethod
-    def _load(self, single: gymnasium.Env[Array, Any], row: int) -> None:
-        """Put a single environment into the state of one sub-environment, all but its generator."""
-
-    # What Gymnasium asks for.
 
     def reset(
         self,
@@ -180,7 +101,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             TypeError, ValueError: A seed or the mask is not allowed; nothing has changed.
             ResetNeeded: The mask leaves out a sub-environment that has never been reset.
         """
-        mask = self._checked_mask(options)
+        mask = checked_mask(options, self.num_envs, first=not self._is_reset)
         rows = np.flatnonzero(mask)
         self._apply_seeds(rows, checked_seeds(seed, rows, self.num_envs))
         self._begin(rows)
@@ -206,7 +127,7 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
         if self._mode is AutoresetMode.NEXT_STEP:
             self._begin(np.flatnonzero(self._ended))
         self._advance(actions)
-        if self._limit != _NEVER:
+        if self._limit != NEVER:
             self._truncations |= self._elapsed >= self._limit
         ended = self._terminations | self._truncations
         finals = self._same_step(ended) if self._mode is AutoresetMode.SAME_STEP else self._later(ended)
@@ -417,32 +338,3 @@ class BatchedEnv(VectorEnv[Array, Array, Array]):
             plain = {name: value.value for name, value in spec.kwargs.items() if isinstance(value, AutoresetMode)}
             spec.kwargs.update(plain)
         self._spec = spec
-
-    def _checked_mask(self, options: dict[str, Any] | None) -> Mask:
-        """Return which sub-environments to reset."""
-        if options is None or "reset_mask" not in options:
-            return np.ones(self.num_envs, np.bool_)
-        mask = options["reset_mask"]
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
-            got = mask.dtype if isinstance(mask, np.ndarray) else type(mask).__name__
-            raise TypeError(f"options['reset_mask'] must be a NumPy array of bool, got {got}.")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(
-                f"options['reset_mask'] must have shape ({self.num_envs},) and at least one True, got {mask!r}."
-            )
-        if not (self._is_reset or mask.all()):
-            raise ResetNeeded("The first reset() must reset all sub-environments.")
-        return mask
-
-
-def _autoreset_mode(value: object) -> AutoresetMode:
-    if not isinstance(value, AutoresetMode):
-        check_choice("autoreset_mode", value, [mode.value for mode in AutoresetMode])
-    return AutoresetMode(value)
-
-
-def _time_limit(max_episode_steps: int | None) -> int:
-    """Return the limit, or a number of steps that no episode reaches."""
-    if max_episode_steps is None or (max_episode_steps == -1 and not isinstance(max_episode_steps, bool)):
-        return _NEVER
-    return check_integer("max_episode_steps", max_episode_steps, 1)

@@ -13,14 +13,15 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sprl_bench.envs import vector
 from sprl_bench.envs.arguments import refuse_unknown
+from sprl_bench.envs.engine import Array, Mask, Rows
 from sprl_bench.envs.fetch import rules
 from sprl_bench.envs.fetch.batched_simulation import BatchedSimulation
 from sprl_bench.envs.fetch.env import FetchEnv, is_reached, make_single
 from sprl_bench.envs.fetch.rules import ACTION_SPACE, ELSEWHERE, Rules, checked_actions
 from sprl_bench.envs.grid.streams import STREAM_LIMBS, from_generator, to_generator
-from sprl_bench.envs.vector import Array, BatchedEnv, Mask, Rows
+from sprl_bench.envs.vector import BatchedEnv
+from sprl_bench.envs.vector_arguments import ARGUMENTS
 
 __all__ = ["FetchEngine", "GoalFetchEngine", "make_engine", "pick_and_place", "push", "reach", "slide"]
 
@@ -210,8 +211,8 @@ def make_engine(
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
     """
-    unknown = {name: value for name, value in arguments.items() if name not in vector.ARGUMENTS}
-    refuse_unknown(f"Fetch{task}Sparse", unknown, {*rules.ARGUMENTS, *vector.ARGUMENTS}, ELSEWHERE)
+    unknown = {name: value for name, value in arguments.items() if name not in ARGUMENTS}
+    refuse_unknown(f"Fetch{task}Sparse", unknown, {*rules.ARGUMENTS, *ARGUMENTS}, ELSEWHERE)
     rules.check_interface(observation, render_mode)
     kind = FetchEngine if observation == "flat" else GoalFetchEngine
     chosen = Rules(substep, action_noise, terminate_on_goal)

@@ -10,13 +10,14 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 
+from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.grid import dynamics
 from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, NUM_ACTIONS, RED, WALL
 from sprl_bench.envs.grid.env import GridEnv
 from sprl_bench.envs.grid.four_rooms import FourRooms7x7, FourRooms11x11
 from sprl_bench.envs.grid.key_doors import KeyDoors7x7, KeyDoors11x11
 from sprl_bench.envs.grid.streams import STREAM_LIMBS, seed_streams, to_generator
-from sprl_bench.envs.vector import Array, BatchedEnv, Rows
+from sprl_bench.envs.vector import BatchedEnv
 
 __all__ = [
     "FourRooms7x7Engine",
