@@ -53,11 +53,19 @@ class FirstVisits:
 
 
 class Forgetful(FirstVisits):
-    """The mistake that the contract is there to find: memory ends with the rollout."""
+    """A mistake that the contract is there to find: memory ends with the rollout."""
 
     def reward(self, rollout: Rollout) -> Tensor:
         self._seen.zero_()
         return super().reward(rollout)
+
+
+class Unforgetting(FirstVisits):
+    """Another: memory goes on when an episode ends."""
+
+    def reward(self, rollout: Rollout) -> Tensor:
+        never = torch.zeros_like(rollout.ended)
+        return super().reward(replace(rollout, terminated=never, truncated=never))
 
 
 def _makers() -> dict[str, Maker]:
@@ -184,6 +192,35 @@ def test_a_bonus_that_forgets_at_the_seam_is_found_out(stream: list[Rollout]) ->
     single = gymnasium.make("SPRL/FourRooms-7x7-v1")
     setting = Setting(single.observation_space, single.action_space, NUM_ENVS, 0, CPU)
     assert seam_shows(lambda: Forgetful(setting, NoBonusConfig()), stream[1], 70)
+
+
+def ending(rollout: Rollout) -> Rollout:
+    """Return the same steps, with an episode ending in the last of each sub-env."""
+    truncated = rollout.truncated.clone()
+    truncated[-1] = ~rollout.terminated[-1]
+    finals = rollout.next_observations[rollout.terminated | truncated]
+    return replace(rollout, truncated=truncated, final_observations=finals)
+
+
+def past_shows(maker: Callable[[], Bonus], pasts: list[Rollout], then: Rollout) -> bool:
+    """Whether rewards depend on which episodes ended before."""
+    bonuses = [maker() for _ in pasts]
+    for bonus, past in zip(bonuses, pasts, strict=True):
+        bonus.reward(ending(past))
+    first, second = (bonus.reward(then) for bonus in bonuses)
+    return not torch.allclose(first, second, rtol=1e-4, atol=1e-7)
+
+
+@every_bonus
+def test_a_reset_clears_what_belongs_to_the_episode(name: str, stream: list[Rollout]) -> None:
+    """Two that have learned the same live through different episodes; after these they pay the same."""
+    assert not past_shows(lambda: used(name, stream[0]), stream[:2], stream[2])
+
+
+def test_a_bonus_that_remembers_earlier_episodes_is_found_out(stream: list[Rollout]) -> None:
+    single = gymnasium.make("SPRL/FourRooms-7x7-v1")
+    setting = Setting(single.observation_space, single.action_space, NUM_ENVS, 0, CPU)
+    assert past_shows(lambda: Unforgetting(setting, NoBonusConfig()), stream[:2], stream[2])
 
 
 @every_bonus

@@ -144,6 +144,7 @@ def test_layers_start_orthogonal_with_their_gains() -> None:
     [
         (spaces.Box(0, 1, (4, 4), np.float32), ACTIONS, "No network for observations"),
         (spaces.Discrete(5), ACTIONS, "No network for observations"),
+        (spaces.Box(0, 255, (84, 84, 3), np.uint8), ACTIONS, r"need \(H, W, 3\) uint8 of at most 32 cells a side or"),
         (FLAT, spaces.MultiDiscrete([2, 2]), "No policy for actions"),
         (FLAT, spaces.Discrete(3, start=1), "No policy for actions"),
     ],

@@ -100,16 +100,26 @@ def segments(draw: Any) -> Segments:
 @given(
     segments(),
     st.integers(1, 8),
+    st.integers(1, 30),
     st.integers(0, 20),
     st.integers(1, 6),
     st.sampled_from(["episode", "narrow", "double"]),
+    st.sampled_from(["positive", "anchor"]),
     st.integers(0, 99),
 )
 def test_algorithm_1_keeps_to_its_ranges(
-    segments: Segments, k: int, negative_bias: int, positive_bias: int, negatives: str, seed: int
+    segments: Segments,
+    k: int,
+    tolerance: int,
+    negative_bias: int,
+    positive_bias: int,
+    negatives: str,
+    next_anchor: str,
+    seed: int,
 ) -> None:
-    triplets = walk(segments, training_ranges(k, negative_bias, negatives), positive_bias, generator(seed))
-    least = k + negative_bias
+    ranges = training_ranges(k, tolerance, negative_bias, negatives)
+    triplets = walk(segments, ranges, positive_bias, generator(seed), next_anchor)
+    least = k + negative_bias + (tolerance if negatives == "double" else 0)
     most = {"episode": 10**6, "narrow": least + int(0.1 * least), "double": least + negative_bias}[negatives]
     by_stretch: dict[int, list[tuple[int, int]]] = {}
     for anchor, positive, negative in zip(*map(Tensor.tolist, triplets), strict=True):
@@ -125,10 +135,12 @@ def test_algorithm_1_keeps_to_its_ranges(
         pairs = by_stretch.get(start, [])
         assert bool(pairs) == (length > least)  # the first state is an anchor where there is room
         assert not pairs or pairs[0][0] == start
-        for (_, positive), (anchor, _) in itertools.pairwise(pairs):
-            assert 1 <= anchor - positive <= positive_bias
+        for (before, positive), (anchor, _) in itertools.pairwise(pairs):
+            skipped = anchor - (positive if next_anchor == "positive" else before + 1)
+            assert 1 <= skipped <= positive_bias
         if pairs:  # and the last anchor is the last with room
-            assert pairs[-1][1] + positive_bias + least >= start + length
+            last = pairs[-1][1] if next_anchor == "positive" else pairs[-1][0] + 1
+            assert last + positive_bias + least >= start + length
 
 
 def test_every_place_in_a_range_is_drawn() -> None:
@@ -137,6 +149,17 @@ def test_every_place_in_a_range_is_drawn() -> None:
     )
     offsets = [set((places - triplets.anchors).tolist()) for places in triplets]
     assert offsets == [{0}, {1, 2, 3}, {5, 6, 7}]
+
+
+@pytest.mark.parametrize(("next_anchor", "second"), [("positive", {2, 3, 4, 5, 6}), ("anchor", {2, 3, 4})])
+def test_the_second_anchor_is_any_of_those_after_the_first(next_anchor: str, second: set[int]) -> None:
+    """Up to three steps after the positive, which lies 1 to 3 after the first anchor; or 2 to 4 after that itself."""
+    starts = 100 * torch.arange(2000)
+    triplets = walk(Segments(starts, torch.full((2000,), 12)), Ranges((1, 3), (5, 7)), 3, generator(), next_anchor)
+    found: dict[int, int] = {}
+    for anchor in triplets.anchors[2000:].tolist():  # the first of each stretch come first
+        found.setdefault(anchor // 100, anchor % 100)
+    assert set(found.values()) == second
 
 
 def test_accuracy_is_measured_in_the_bands_of_appendix_b1() -> None:
@@ -407,18 +430,21 @@ def test_accuracy_is_measured_on_what_no_training_has_seen(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("negatives", ["episode", "narrow", "double"])
-def test_training_draws_as_its_settings_say(negatives: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    learned = learner(k=4, tolerance=3, negative_bias=6, positive_bias=3, negatives=negatives, max_pairs=40)
+@pytest.mark.parametrize("next_anchor", ["positive", "anchor"])
+def test_training_draws_as_its_settings_say(negatives: str, next_anchor: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    learned = learner(
+        k=4, tolerance=3, negative_bias=6, positive_bias=3, negatives=negatives, next_anchor=next_anchor, max_pairs=40
+    )
     asked = []
 
-    def spy(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Any:
-        asked.append((ranges, positive_bias))
-        return walk(segments, ranges, positive_bias, generator)
+    def spy(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator, then: str) -> Any:
+        asked.append((ranges, positive_bias, then))
+        return walk(segments, ranges, positive_bias, generator, then)
 
     monkeypatch.setattr("sprl_baselines.reachability.learned.walk", spy)
     learned.update(walk_along_a_line(100, 2))
     assert len(learned._draw().anchors) == 20
-    assert asked == [(training_ranges(4, 6, negatives), 3)]
+    assert asked == [(training_ranges(4, 3, 6, negatives), 3, next_anchor)]
 
 
 def test_learning_on_leaves_a_loaded_state_as_it_was() -> None:
@@ -449,7 +475,14 @@ def test_weights_decay_and_nothing_else() -> None:
     ("settings", "complaint"),
     [
         ({"pair_batch": 128, "max_pairs": 100}, "pair_batch=128 must be at most max_pairs, 100"),
-        ({"replay_size": 44}, r"replay_size=44 must be more than \(k \+ negative_bias\) \* num_envs, 44"),
+        (
+            {"replay_size": 44},
+            "replay_size=44 must be more than 44, num_envs times the 22 steps to the nearest negative",
+        ),
+        (
+            {"replay_size": 46, "negatives": "double"},
+            "replay_size=46 must be more than 46, num_envs times the 23 steps to the nearest negative",
+        ),
         (
             {"pair_input": "difference", "reachability_grid_encoding": "one-hot"},
             "reachability_grid_encoding='one-hot' must be 'scaled' where pair_input is 'difference'",

@@ -46,21 +46,23 @@ def test_votes_decide_as_the_nearest_rank_percentile(samples: int, quantile: flo
     runs=st.lists(st.integers(0, 40), min_size=1, max_size=8),
     samples=st.integers(1, 30),
     tolerance=st.integers(1, 3),
+    threshold=st.sampled_from([0.3, 0.5, 0.75]),
     needed=st.integers(1, 5),
     seed=st.integers(0, 99),
 )
 def test_votes_are_counted_as_far_as_the_verdict_needs(
-    runs: list[int], samples: int, tolerance: int, needed: int, seed: int
+    runs: list[int], samples: int, tolerance: int, threshold: float, needed: int, seed: int
 ) -> None:
-    reached = np.random.default_rng(seed).random((len(runs), 200)) < 0.3  # by state and length
+    answers = np.random.default_rng(seed).random((len(runs), 200)).astype(np.float32)  # by state and length
+    reached = answers > threshold
     lengths, stride = 2 + tolerance * torch.arange(1, samples + 1), 500
     ends = 10**6 + torch.arange(len(runs))
 
     def judge(earlier: Tensor, later: Tensor) -> Tensor:
         rows, steps = (later - 10**6).numpy(), ((later - earlier) // stride).numpy()
-        return torch.from_numpy(reached[rows, steps].astype(np.float32))
+        return torch.from_numpy(answers[rows, steps])
 
-    votes = count_votes(judge, ends, torch.tensor(runs), lengths, stride=stride, needed=needed)
+    votes = count_votes(judge, ends, torch.tensor(runs), lengths, stride=stride, threshold=threshold, needed=needed)
     for row, run in enumerate(runs):
         truth = sum(bool(reached[row, length]) for length in lengths.tolist() if length <= run)
         assert (votes[row] >= needed) == (truth >= needed)
@@ -87,8 +89,8 @@ class Constant:
         return {}
 
 
-def on_a_line(likely: float, bias: float) -> SPRL:
-    config = ConstraintConfig(k=2, tolerance_samples=1, cost_scale=1.0, bias=bias)
+def on_a_line(likely: float, bias: float, **settings: float) -> SPRL:
+    config = ConstraintConfig.pick({"k": 2, "tolerance_samples": 1, "cost_scale": 1.0, "bias": bias, **settings})
     return SPRL(Setting(LINE, spaces.Discrete(2), 1, seed=0, device=CPU), config, Constant(likely))  # type: ignore[arg-type]
 
 
@@ -116,6 +118,12 @@ def test_more_than_a_half_is_a_yes(likely: float, expected: float) -> None:
     rollout = line_rollout(4)
     assert bonus.reward(rollout).squeeze(1).tolist() == [EARLY, EARLY, expected, expected]
     assert bonus.update(rollout) == {"violations": 0.5 * (expected == PAID)}
+
+
+@pytest.mark.parametrize(("likely", "expected"), [(0.6, EARLY), (0.75, EARLY), (0.8, PAID)])
+def test_what_an_answer_must_exceed_can_be_set(likely: float, expected: float) -> None:
+    bonus = on_a_line(likely, bias=0.25, vote_threshold=0.75)
+    assert bonus.reward(line_rollout(4)).squeeze(1).tolist() == [EARLY, EARLY, expected, expected]
 
 
 @pytest.mark.parametrize(

@@ -7,15 +7,22 @@ from typing import Any
 import numpy as np
 from gymnasium import Space, spaces
 
-__all__ = ["grid_shape"]
+__all__ = ["GRIDS", "grid_shape"]
 
 CELL = 3  # numbers for a cell: type, colour, and state or direction
+LARGEST = 32  # cells along a side; what is larger is an image
+GRIDS = f"(H, W, {CELL}) uint8 of at most {LARGEST} cells a side"
 
 
 def grid_shape(space: Space[Any]) -> tuple[int, int, int] | None:
-    """Return height, width and frames of grids, uint8 `[H, W, 3 * frames]`, or None where observations are none."""
+    """Return height, width and frames of grids, uint8 `[H, W, 3 * frames]`, or None where observations are none.
+
+    Images have such observations too; they are told from grids by their size.
+    """
     match space:
-        case spaces.Box(shape=(height, width, numbers), dtype=np.uint8) if numbers and numbers % CELL == 0:
+        case spaces.Box(shape=(height, width, numbers), dtype=np.uint8) if (
+            numbers and numbers % CELL == 0 and max(height, width) <= LARGEST
+        ):
             return height, width, numbers // CELL
         case _:
             return None

@@ -22,7 +22,7 @@ from torch.nn.utils import clip_grad_norm_
 from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Config, Count, Positive, Share, Weight
 from sprl_baselines.distinct import distinct
-from sprl_baselines.grids import grid_shape
+from sprl_baselines.grids import GRIDS, grid_shape
 from sprl_baselines.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
 from sprl_baselines.rollout import Rollout
 from sprl_baselines.strided_convolution import CHANNELS, StridedConvolution
@@ -225,7 +225,7 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
     if isinstance(space, spaces.Box) and len(space.shape) == 1:
         size = space.shape[0]
         return mlp_trunk(size, 4, size, generator), size
-    raise ValueError(f"ICM has no features for observations in {space}: need (H, W, 3) uint8 or a flat Box.")
+    raise ValueError(f"ICM has no features for observations in {space}: need {GRIDS} or a flat Box.")
 
 
 class FlattenCells(nn.Module):

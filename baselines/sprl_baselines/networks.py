@@ -17,7 +17,7 @@ from torch.nn.utils import skip_init
 
 from sprl_baselines.convolutions import CReLUConvolutions
 from sprl_baselines.distributions import Categorical, DiagonalGaussian, Distribution
-from sprl_baselines.grids import grid_shape
+from sprl_baselines.grids import GRIDS, grid_shape
 
 __all__ = [
     "GRID_ENCODINGS",
@@ -112,7 +112,7 @@ def actor_critic(
         policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
         features = mlp_units
     else:
-        raise ValueError(f"No network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box.")
+        raise ValueError(f"No network for observations in {observation_space}: need {GRIDS} or a flat Box.")
     head = policy_head(features, action_space, generator)
     return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
 

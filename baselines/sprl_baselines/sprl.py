@@ -39,6 +39,7 @@ class ConstraintConfig(HorizonConfig):
     """Hyperparameters of the cost; those of the grids are the defaults."""
 
     tolerance_samples: Count = 60  # lengths that vote: k + tolerance, k + 2 tolerance, ... (Table 1)
+    vote_threshold: Share = 0.5  # an answer above this is a vote: the earlier state leads to the later within k steps
     vote_quantile: Share = 0.9  # this quantile of the votes decides (appendix E.3)
     cost_scale: Weight = 0.002  # weight of the whole bonus (Table 1)
     bias: float = 0.5  # what a step earns before its cost is taken off
@@ -109,7 +110,15 @@ class SPRL:
         flat = states.flatten(0, 1)
         ends = torch.arange(len(flat) - steps * num_envs, len(flat), device=runs.device)
         judge = judge_pairs(self.reachability, flat)
-        votes = count_votes(judge, ends, runs.flatten(), self._lengths, stride=num_envs, needed=self._needed)
+        votes = count_votes(
+            judge,
+            ends,
+            runs.flatten(),
+            self._lengths,
+            stride=num_envs,
+            threshold=self.config.vote_threshold,
+            needed=self._needed,
+        )
         return (votes >= self._needed).view(steps, num_envs).float()
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
@@ -149,7 +158,9 @@ def _runs(before: Tensor, cuts: Tensor) -> Tensor:
     return steps - torch.where(cuts, steps, -before).cummax(dim=0).values
 
 
-def count_votes(judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, stride: int, needed: int) -> Tensor:
+def count_votes(
+    judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, stride: int, threshold: float, needed: int
+) -> Tensor:
     """Count over how many lengths a state could have been reached sooner, no further than the verdict needs.
 
     Args:
@@ -158,6 +169,7 @@ def count_votes(judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, st
         runs: Steps that their stretches may have at most, `[B]`.
         lengths: Of the stretches that vote, `[J]`, ascending.
         stride: Difference between the indices of successive states.
+        threshold: What an answer must exceed to be a vote.
         needed: Votes that decide.
 
     Returns:
@@ -170,6 +182,6 @@ def count_votes(judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, st
         part = lengths[start : start + CHUNK]
         rows, columns = (runs[undecided].unsqueeze(1) >= part).nonzero(as_tuple=True)
         later = ends[undecided[rows]]
-        reached = judge(later - part[columns] * stride, later) > 0.5
+        reached = judge(later - part[columns] * stride, later) > threshold
         votes.index_add_(0, undecided[rows], reached.long())
     return votes

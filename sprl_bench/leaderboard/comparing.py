@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from sprl_bench.tables import (
 __all__ = ["COMPARISON_FORMATS", "Comparison", "Difference", "compare", "render_comparisons", "side_by_side"]
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
-ABSENT: Final = object()
 SINGLE = "A single seed has no interval (-)."
 Columns = Mapping[str, Mapping[int, Scores]]
 
@@ -202,10 +201,15 @@ def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str
     entered = {result.task.name: result for result in theirs}
     notes = []
     for task, mine in {result.task.name: result for result in ours}.items():
+        if mine.agent != entered[task].agent:
+            continue
         here, there = mine.hyperparameters, entered[task].hyperparameters
-        changed = sorted(name for name in {**here, **there} if here.get(name, ABSENT) != there.get(name, ABSENT))
-        if mine.agent == entered[task].agent and changed:
+        changed = sorted(name for name in here.keys() & there.keys() if here[name] != there[name])
+        one_sided = sorted(here.keys() ^ there.keys())
+        if changed:
             notes.append(f"{mine.agent} has other hyperparameters than its entry on {task}: {', '.join(changed)}.")
+        if one_sided:
+            notes.append(f"{mine.agent} and its entry on {task} do not both have {', '.join(one_sided)}.")
     return notes
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, Weight
 from sprl_baselines.networks import GRID_ENCODINGS
 from sprl_baselines.reachability.network import PAIR_INPUTS
-from sprl_baselines.reachability.triplets import NEGATIVES
+from sprl_baselines.reachability.triplets import NEGATIVES, NEXT_ANCHORS
 
 __all__ = ["HorizonConfig", "ReachabilityConfig"]
 
@@ -28,6 +28,8 @@ class ReachabilityConfig(HorizonConfig):
     """The network, what it learns from, and when."""
 
     positive_bias: Count = 5  # the next anchor lies up to so many steps after the positive (Table 1)
+    # From where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
+    next_anchor: Annotated[str, Choice(*NEXT_ANCHORS)] = "positive"
     negative_bias: Whole = 20  # negatives lie at least k and so many steps after their anchor (Table 1)
     negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # how far negatives may lie (Algorithm 1)
     replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)

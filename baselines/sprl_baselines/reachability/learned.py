@@ -36,10 +36,12 @@ class LearnedReachability:
 
     def __init__(self, setting: Setting, config: ReachabilityConfig) -> None:
         self._replay = Replay(config.replay_size, setting.num_envs)
-        if self._replay.capacity <= config.k + config.negative_bias:
+        self._ranges = training_ranges(config.k, config.tolerance, config.negative_bias, config.negatives)
+        nearest, _ = self._ranges.negative
+        if self._replay.capacity <= nearest:
             raise ValueError(
-                f"Hyperparameter replay_size={config.replay_size} must be more than (k + negative_bias) * num_envs, "
-                f"{(config.k + config.negative_bias) * setting.num_envs}: else there are no negatives."
+                f"Hyperparameter replay_size={config.replay_size} must be more than {nearest * setting.num_envs}, "
+                f"num_envs times the {nearest} steps to the nearest negative: else there are none."
             )
         self.config = config
         self._device = setting.device
@@ -104,10 +106,10 @@ class LearnedReachability:
 
     def _draw(self) -> Triplets:
         """Draw triplets from the whole replay, in random order, and no more than a training takes."""
-        ranges = training_ranges(self.config.k, self.config.negative_bias, self.config.negatives)
-        triplets = walk(self._replay.segments(), ranges, self.config.positive_bias, self._generator)
+        config, segments = self.config, self._replay.segments()
+        triplets = walk(segments, self._ranges, config.positive_bias, self._generator, config.next_anchor)
         order = torch.randperm(len(triplets.anchors), generator=self._generator)
-        return triplets.take(order[: self.config.max_pairs // 2])
+        return triplets.take(order[: config.max_pairs // 2])
 
     def _train(self, triplets: Triplets) -> dict[str, float]:
         """Go through the triplets once; do nothing where they do not fill a batch."""

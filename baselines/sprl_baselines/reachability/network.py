@@ -14,7 +14,7 @@ import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
 
-from sprl_baselines.grids import grid_shape
+from sprl_baselines.grids import GRIDS, grid_shape
 from sprl_baselines.networks import CRELU_GAIN, RELU_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
 
 __all__ = ["PAIR_INPUTS", "ReachabilityNetwork", "reachability_network"]
@@ -109,6 +109,6 @@ def reachability_network(
         embedding, size = nn.Sequential(ToFloat()), observation_space.shape[0]
     else:
         raise ValueError(
-            f"No reachability network for observations in {observation_space}: need (H, W, 3) uint8 or a flat Box."
+            f"No reachability network for observations in {observation_space}: need {GRIDS} or a flat Box."
         )
     return ReachabilityNetwork(embedding, size, layers=layers, units=units, pair_input=pair_input, generator=generator)

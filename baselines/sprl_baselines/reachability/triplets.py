@@ -12,7 +12,7 @@ from torch import Tensor
 
 from sprl_baselines.reachability.replay import Segments
 
-__all__ = ["NEGATIVES", "Ranges", "Triplets", "accuracy_ranges", "scatter", "training_ranges", "walk"]
+__all__ = ["NEGATIVES", "NEXT_ANCHORS", "Ranges", "Triplets", "accuracy_ranges", "scatter", "training_ranges", "walk"]
 
 
 class Triplets(NamedTuple):
@@ -35,21 +35,28 @@ class Ranges(NamedTuple):
 
 
 NEGATIVES = ("episode", "narrow", "double")
+NEXT_ANCHORS = ("positive", "anchor")
 UNLIMITED = 2**40
 
 
-def training_ranges(k: int, negative_bias: int, negatives: str) -> Ranges:
+def training_ranges(k: int, tolerance: int, negative_bias: int, negatives: str) -> Ranges:
     """Return what training draws from.
 
     Args:
         k: Steps within which a state counts as reached.
+        tolerance: Further steps that are let pass.
         negative_bias: Further steps that part negatives from positives.
-        negatives: How far they may lie: to the end of the "episode" (Algorithm 1); in a "narrow" band of a tenth
-            beyond the least distance (the authors' published code); or in one of "double" the bias (appendix B.1).
+        negatives: How far they may lie: from k + `negative_bias` to the end of the "episode" (Algorithm 1); from there
+            in a "narrow" band of a tenth of that (the authors' published code); or, as where accuracy is measured, from
+            k + `tolerance` and the bias to k + `tolerance` and "double" the bias (appendix B.1).
     """
     least = k + negative_bias
-    furthest = {"episode": UNLIMITED, "narrow": least + least // 10, "double": least + negative_bias}
-    return Ranges((1, k), (least, furthest[negatives]))
+    bands = {
+        "episode": (least, UNLIMITED),
+        "narrow": (least, least + least // 10),
+        "double": accuracy_ranges(k, tolerance, negative_bias).negative,
+    }
+    return Ranges((1, k), bands[negatives])
 
 
 def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
@@ -58,8 +65,23 @@ def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
     return Ranges((1, reach), (reach + negative_bias, reach + 2 * negative_bias))
 
 
-def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Triplets:
-    """Draw triplets along all stretches at once; the next anchor lies 1 to `positive_bias` steps after the positive."""
+def walk(
+    segments: Segments,
+    ranges: Ranges,
+    positive_bias: int,
+    generator: torch.Generator,
+    next_anchor: str = "positive",
+) -> Triplets:
+    """Draw triplets along all stretches at once.
+
+    Args:
+        segments: The stretches.
+        ranges: Where positives and negatives lie.
+        positive_bias: The next anchor is drawn from so many places.
+        generator: What draws.
+        next_anchor: They begin one step after the last "positive" (Algorithm 1), or two steps after the last "anchor"
+            (the authors' published code).
+    """
     starts, lengths = segments
     anchors, drawn = torch.zeros_like(lengths), []
     while True:
@@ -68,7 +90,8 @@ def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torc
         drawn.append(_around(starts, lengths, anchors, ranges, generator))
         if not len(anchors):
             return Triplets(*(torch.cat(places) for places in zip(*drawn, strict=True)))
-        anchors = _uniform(drawn[-1].positives - starts + 1, drawn[-1].positives - starts + positive_bias, generator)
+        nearest = {"positive": drawn[-1].positives - starts + 1, "anchor": anchors + 2}[next_anchor]
+        anchors = _uniform(nearest, nearest + positive_bias - 1, generator)
 
 
 def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Triplets:
