@@ -1,14 +1,15 @@
-"""Draw how well the reachability network learns: `python docs/draw_accuracy.py RUNS docs/accuracy.png`.
+"""Draw how well the reachability network learns: `python docs/draw_accuracy.py docs/accuracy.png RUNS...`.
 
-RUNS are made by `sprl-bench run --suite grid --agents sprl --budget 400000 --seeds 50, --set learning_rate=0.003 --set
-cost_scale=0.01 --out RUNS`. Every figure of docs/accuracy.md is printed: what the network reached, and what the exact
-search scores by the same measure on the steps of a uniformly random policy and of the policy that each run ended with.
+RUNS are folders of runs by `sprl` and `eco`; docs/accuracy.md says how they are made. Its figures are printed: what the
+networks reached, over seeds, and what the exact search scores by the same measure on the steps of a uniformly random
+policy and of the policies that the runs ended with.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,10 +27,13 @@ from sprl_bench.records import RunRecord, find_records
 
 mpl.use("Agg")
 from matplotlib import pyplot
+from matplotlib.axes import Axes
 
 BAR = 0.8
 AT = (100_000, 200_000, 300_000, 400_000)  # env steps of the printed figures, each the mean of the 50 000 before it
 WINDOW = 50_000
+SHOWN = 500_000  # env steps in the picture
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7")
 EXPERIENCE = 24_000  # env steps that the exact search is measured on
 NUM_ENVS = 12
 
@@ -79,41 +83,70 @@ def experience(actor: Actor, env_id: str) -> Replay:
     return replay
 
 
-def row(task: str, points: Points, by_random: Search, by_last: Search) -> str:
+def row(records: Sequence[RunRecord], curves: Sequence[Points], by_random: Search, by_last: Sequence[Search]) -> str:
     """Return a row of a table: when the bar was first passed, means at some steps, and the exact search."""
-    first = next((f"{steps:,}" for steps, accuracy in points if accuracy > BAR), "never")
-    recent = [[accuracy for steps, accuracy in points if end - WINDOW < steps <= end] for end in AT]
-    means = [f"{np.mean(some):.3f}" if some else "-" for some in recent]
-    searched = [
-        f"{found.accuracy:.3f} ({found.positives_near:.2f}, {found.negatives_near:.2f})"
-        for found in (by_random, by_last)
-    ]
-    return f"| {' | '.join([task, first, *means, *searched])} |"
+    spec = records[0].spec
+    first = [next((steps for steps, accuracy in points if accuracy > BAR), None) for points in curves]
+    passed = [steps for steps in first if steps is not None]
+    when = f"{len(passed)} of {len(first)}" + (f": {min(passed):,} to {max(passed):,}" if passed else "")
+    means = [spread([_recent(points, end) for points in curves]) for end in (*AT, spec.task.budget)]
+    last = f"{spread([found.accuracy for found in by_last])} ({_shares(by_last)})"
+    return f"| {' | '.join([spec.agent, _grid(records[0]), when, *means, f'{by_random.accuracy:.3f}', last])} |"
 
 
-def draw(record: RunRecord, root: Path) -> None:
-    """Draw one task's curve, with the exact search on a random policy's steps dotted, and print its figures."""
-    task, env_id = record.spec.task.name.rpartition("-")[0], record.spec.task.env_id
-    run = record.spec.path(root)
-    points = measured(run)
-    config = ReachabilityConfig.pick(record.spec.hyperparameters)
-    by_random, by_last = (search(find_actor(who), env_id, config) for who in ("random", run))
-    [line] = pyplot.plot(*zip(*points, strict=True), label=task, linewidth=1.4)
-    pyplot.axhline(by_random.accuracy, color=line.get_color(), linestyle=":", linewidth=1)
-    print(row(task, points, by_random, by_last))
+def _recent(points: Points, end: int) -> float:
+    """Return the mean of the measurements in the steps before `end`, nan where there are none."""
+    some = [accuracy for steps, accuracy in points if end - WINDOW < steps <= end]
+    return float(np.mean(some)) if some else float("nan")
 
 
-def main(root: str, path: str) -> None:
-    """Draw all tasks in one panel."""
-    pyplot.figure(figsize=(7, 3.6), layout="constrained")
-    for record in find_records(Path(root)):
-        draw(record, Path(root))
-    pyplot.xlabel("environment steps")
-    pyplot.ylabel("held-out accuracy")
-    pyplot.ylim(0.45, 1)
-    pyplot.legend(loc="lower right", frameon=False)
-    pyplot.savefig(path, dpi=110)
+def spread(values: Sequence[float]) -> str:
+    """Return the mean of a value over seeds, and the least and the largest."""
+    return f"{np.nanmean(values):.3f} ({np.nanmin(values):.3f} to {np.nanmax(values):.3f})"
+
+
+def _shares(found: Sequence[Search]) -> str:
+    near = [np.mean([one.positives_near for one in found]), np.mean([one.negatives_near for one in found])]
+    return ", ".join(f"{share:.2f}" for share in near)
+
+
+def _grid(record: RunRecord) -> str:
+    return record.spec.task.env_id.removeprefix("SPRL/").removesuffix("-v1")
+
+
+def draw(axes: Axes, colour: str, records: Sequence[RunRecord], folders: Sequence[Path]) -> None:
+    """Draw a task's seeds and their mean, with the exact search on random steps dotted, and print its figures."""
+    env_id = records[0].spec.task.env_id
+    config = ReachabilityConfig.pick(records[0].spec.hyperparameters)
+    curves = [measured(folder) for folder in folders]
+    by_random = search(find_actor("random"), env_id, config)
+    by_last = [search(find_actor(folder), env_id, config) for folder in folders]
+    for points in curves:
+        axes.plot(*zip(*points, strict=True), color=colour, linewidth=0.5, alpha=0.35)
+    ends = range(WINDOW, SHOWN + 1, WINDOW // 5)
+    means = [np.mean([_recent(points, end) for points in curves]) for end in ends]
+    axes.plot(ends, means, color=colour, label=_grid(records[0]), linewidth=1.6)
+    axes.axhline(by_random.accuracy, color=colour, linestyle=":", linewidth=1)
+    print(row(records, curves, by_random, by_last))
+
+
+def main(path: str, *roots: str) -> None:
+    """Draw a panel for each agent."""
+    groups: dict[str, dict[str, list[tuple[RunRecord, Path]]]] = {}
+    for root in map(Path, roots):
+        for record in find_records(root):
+            if measured(record.spec.path(root)):
+                task = groups.setdefault(record.spec.agent, {}).setdefault(_grid(record), [])
+                task.append((record, record.spec.path(root)))
+    figure, panels = pyplot.subplots(1, len(groups), figsize=(9, 3.6), layout="constrained", sharey=True, squeeze=False)
+    for axes, (agent, tasks) in zip(panels[0], groups.items(), strict=True):
+        for colour, pairs in zip(COLOURS, tasks.values(), strict=False):
+            draw(axes, colour, *zip(*pairs, strict=True))
+        axes.set(title=agent, xlabel="environment steps", xlim=(0, SHOWN), ylim=(0.45, 1))
+        axes.legend(loc="upper left", frameon=False)
+    panels[0, 0].set_ylabel("held-out accuracy")
+    figure.savefig(path, dpi=110)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main(*sys.argv[1:])
