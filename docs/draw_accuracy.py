@@ -28,6 +28,7 @@ from sprl_bench.records import RunRecord, find_records
 mpl.use("Agg")
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.ticker import EngFormatter
 
 BAR = 0.8
 AT = (100_000, 200_000, 300_000, 400_000)  # env steps of the printed figures, each the mean of the 50 000 before it
@@ -114,8 +115,15 @@ def _grid(record: RunRecord) -> str:
     return record.spec.task.env_id.removeprefix("SPRL/").removesuffix("-v1")
 
 
+def check(records: Sequence[RunRecord]) -> None:
+    """Refuse runs that are not seeds of one and the same."""
+    if len({(record.spec.hyperparameters_hash, record.spec.task.budget) for record in records}) > 1:
+        raise SystemExit(f"The runs of {records[0].spec.agent} on {_grid(records[0])} differ in settings or budgets.")
+
+
 def draw(axes: Axes, colour: str, records: Sequence[RunRecord], folders: Sequence[Path]) -> None:
     """Draw a task's seeds and their mean, with the exact search on random steps dotted, and print its figures."""
+    check(records)
     env_id = records[0].spec.task.env_id
     config = ReachabilityConfig.pick(records[0].spec.hyperparameters)
     curves = [measured(folder) for folder in folders]
@@ -136,13 +144,15 @@ def main(path: str, *roots: str) -> None:
     for root in map(Path, roots):
         for record in find_records(root):
             if measured(record.spec.path(root)):
-                task = groups.setdefault(record.spec.agent, {}).setdefault(_grid(record), [])
+                agent, _, _ = record.spec.agent.partition("@")
+                task = groups.setdefault(agent, {}).setdefault(_grid(record), [])
                 task.append((record, record.spec.path(root)))
     figure, panels = pyplot.subplots(1, len(groups), figsize=(9, 3.6), layout="constrained", sharey=True, squeeze=False)
     for axes, (agent, tasks) in zip(panels[0], groups.items(), strict=True):
         for colour, pairs in zip(COLOURS, tasks.values(), strict=False):
             draw(axes, colour, *zip(*pairs, strict=True))
         axes.set(title=agent, xlabel="environment steps", xlim=(0, SHOWN), ylim=(0.45, 1))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         axes.legend(loc="upper left", frameon=False)
     panels[0, 0].set_ylabel("held-out accuracy")
     figure.savefig(path, dpi=110)

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from sprl_baselines.distributions import Categorical, DiagonalGaussian
+from sprl_baselines.grids import grid_shape
 from sprl_baselines.networks import (
     GRID_ENCODINGS,
     LARGEST_CODES,
@@ -137,6 +138,15 @@ def test_layers_start_orthogonal_with_their_gains() -> None:
     assert network.value.weight.norm().item() == pytest.approx(1.0)
     flat = actor_critic(FLAT, ACTIONS, seeded()).policy_trunk[3].weight
     torch.testing.assert_close(flat @ flat.T, 2.0 * torch.eye(256), rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "found"),
+    [((32, 32, 3), (32, 32, 1)), ((7, 11, 6), (7, 11, 2)), ((33, 8, 3), None), ((8, 33, 3), None), ((8, 8, 4), None)],
+)
+def test_grids_are_told_by_their_shape(shape: tuple[int, ...], found: tuple[int, int, int] | None) -> None:
+    assert grid_shape(spaces.Box(0, 255, shape, np.uint8)) == found
+    assert grid_shape(spaces.Box(0, 255, shape, np.float32)) is None
 
 
 @pytest.mark.parametrize(

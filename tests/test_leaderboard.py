@@ -1,4 +1,4 @@
-"""Leaderboards: what an entry must hold, what is refused and where, and what is computed from entries."""
+"""Entries: what one must hold, what is refused and where, and what a board leaves out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`record` and `recording`: any script's run becomes a record, and none is lost, mixed or replaced."""
+"""`record`: any script's run becomes a record, and none is lost, mixed or replaced."""
 
 from __future__ import annotations
 

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from gymnasium import Space, spaces
 
-__all__ = ["GRIDS", "grid_shape"]
+__all__ = ["GRIDS", "SQUARE_GRID", "grid_shape"]
 
 CELL = 3  # numbers for a cell: type, colour, and state or direction
 LARGEST = 32  # cells along a side; what is larger is an image
 GRIDS = f"(H, W, {CELL}) uint8 of at most {LARGEST} cells a side"
+SQUARE_GRID = GRIDS.replace("H, W", "S, S")
 
 
 def grid_shape(space: Space[Any]) -> tuple[int, int, int] | None:

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.config import Choice, Config, Weight
-from sprl_baselines.grids import grid_shape
+from sprl_baselines.grids import SQUARE_GRID, grid_shape
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
 
@@ -102,7 +102,7 @@ def _size(space: Space[Any]) -> int:
         case (height, width, 1) if height == width:
             return height
         case _:
-            raise ValueError(f"GT-Grid has no cells to count in observations in {space}: need (S, S, 3) uint8.")
+            raise ValueError(f"GT-Grid has no cells to count in observations in {space}: need {SQUARE_GRID}.")
 
 
 def _states(observations: Tensor) -> Places:

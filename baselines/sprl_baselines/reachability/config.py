@@ -28,10 +28,10 @@ class ReachabilityConfig(HorizonConfig):
     """The network, what it learns from, and when."""
 
     positive_bias: Count = 5  # the next anchor lies up to so many steps after the positive (Table 1)
-    # From where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
+    # from where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
     next_anchor: Annotated[str, Choice(*NEXT_ANCHORS)] = "positive"
     negative_bias: Whole = 20  # negatives lie at least k and so many steps after their anchor (Table 1)
-    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # how far negatives may lie (Algorithm 1)
+    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # where they lie (Algorithm 1), or a band
     replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
     train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
     later_from: Whole = 0  # env steps after which `train_every_later` holds; 0 for never

@@ -13,7 +13,7 @@ import torch
 from gymnasium import Space
 from torch import Tensor
 
-from sprl_baselines.grids import grid_shape
+from sprl_baselines.grids import SQUARE_GRID, grid_shape
 from sprl_baselines.reachability.pairs import Judge
 from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
@@ -41,7 +41,7 @@ class GroundTruth:
                 self._k = k
             case _:
                 raise ValueError(
-                    f"Ground-truth reachability needs a grid world's observations, (S, S, 3) uint8; "
+                    f"Ground-truth reachability needs a grid world's observations, {SQUARE_GRID}; "
                     f"these are in {observation_space}."
                 )
 
