@@ -131,7 +131,7 @@ def draw(axes: Axes, colour: str, records: Sequence[RunRecord], folders: Sequenc
     by_last = [search(find_actor(folder), env_id, config) for folder in folders]
     for points in curves:
         axes.plot(*zip(*points, strict=True), color=colour, linewidth=0.5, alpha=0.35)
-    ends = range(WINDOW, SHOWN + 1, WINDOW // 5)
+    ends = range(WINDOW, min(SHOWN, records[0].spec.task.budget) + 1, WINDOW // 5)
     means = [np.mean([_recent(points, end) for points in curves]) for end in ends]
     axes.plot(ends, means, color=colour, label=_grid(records[0]), linewidth=1.6)
     axes.axhline(by_random.accuracy, color=colour, linestyle=":", linewidth=1)
@@ -153,7 +153,7 @@ def main(path: str, *roots: str) -> None:
             draw(axes, colour, *zip(*pairs, strict=True))
         axes.set(title=agent, xlabel="environment steps", xlim=(0, SHOWN), ylim=(0.45, 1))
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-        axes.legend(loc="upper left", frameon=False)
+        axes.legend(loc="lower right", frameon=False)
     panels[0, 0].set_ylabel("held-out accuracy")
     figure.savefig(path, dpi=110)
 
