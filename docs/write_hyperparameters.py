@@ -84,4 +84,6 @@ def _presets() -> Iterator[str]:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("The file to write is missing: python docs/write_hyperparameters.py docs/hyperparameters.md")
     Path(sys.argv[1]).write_text(page(), encoding="utf-8")
