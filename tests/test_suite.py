@@ -139,6 +139,20 @@ def test_more_seeds_under_other_hyperparameters_are_refused_too(tmp_path: Path) 
         run_suite(walkers([1], rollout=25), tmp_path, executor=Here())
 
 
+def test_a_record_in_the_wrong_folder_is_named_by_where_it_lies(tmp_path: Path) -> None:
+    """Else whoever is told to remove it would remove the run that it was copied from."""
+    (wanted,) = walkers([0])
+    (other,) = expand(SMOKE, ["random"], [0], budget=300)
+    run_suite([other], tmp_path, executor=Here())
+    place = wanted.path(tmp_path)
+    place.mkdir(parents=True)
+    (place / "record.json").write_bytes((other.path(tmp_path) / "record.json").read_bytes())
+    with pytest.raises(SpecChangedError, match="agent: 'random' on disk") as raised:
+        run_suite([wanted], tmp_path, executor=Here())
+    assert str(place) in str(raised.value)
+    assert str(other.path(tmp_path)) not in str(raised.value)
+
+
 def test_a_run_that_never_began_may_change(tmp_path: Path) -> None:
     (spec,) = expand(SMOKE, [BROKEN], [0], budget=300)
     run_suite([spec], tmp_path, executor=Here())

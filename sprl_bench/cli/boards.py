@@ -35,7 +35,7 @@ app = typer.Typer(
     help="Show, check, extend and challenge the leaderboards.", callback=require_command, invoke_without_command=True
 )
 
-BOARD = "A board: its name, as grid, or its folder, as leaderboards/grid; or one entry's file."
+BOARD = "A board: its name, as grid-7x7, or its folder, as leaderboards/grid-7x7; or one entry's file."
 
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
 OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]

@@ -141,9 +141,9 @@ def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
     """Refuse specs that differ in more than the seed from what lies under the same suite, task and agent."""
     changed = []
     for spec in {_key(spec)[:3]: spec for spec in specs}.values():
-        for other in _begun(spec.path(out).parent):
+        for place, other in _begun(spec.path(out).parent):
             lines = differences(other.model_copy(update={"seed": spec.seed}), spec)
-            changed += [f"{other.path(out)}: {line}" for line in lines]
+            changed += [f"{place}: {line}" for line in lines]
     if changed:
         more = f" (and {len(changed) - SHOWN} more)" if len(changed) > SHOWN else ""
         raise SpecChangedError(
@@ -159,10 +159,10 @@ def _warn_of_width(specs: Sequence[RunSpec]) -> None:
             logger.warning("%s.", fault)
 
 
-def _begun(folder: Path) -> Iterator[RunSpec]:
-    """Yield the specs of an agent's runs that have come to something or are worked on."""
+def _begun(folder: Path) -> Iterator[tuple[Path, RunSpec]]:
+    """Yield the folder and the spec of each of an agent's runs that has come to something or is worked on."""
     for place in sorted(folder.glob("seed-*")):
         if (place / RECORD).exists():
-            yield read(place / RECORD, RunRecord).spec
+            yield place, read(place / RECORD, RunRecord).spec
         elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):
-            yield read(place / SPEC, RunSpec)
+            yield place, read(place / SPEC, RunSpec)

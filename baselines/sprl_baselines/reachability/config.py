@@ -31,7 +31,9 @@ class ReachabilityConfig(HorizonConfig):
     # from where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
     next_anchor: Annotated[str, Choice(*NEXT_ANCHORS)] = "positive"
     negative_bias: Whole = 20  # negatives lie at least k and so many steps after their anchor (Table 1)
-    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"  # where they lie (Algorithm 1), or a band
+    # how far they may lie: to the end of the "episode" (Algorithm 1); in a "narrow" band of a tenth (published code);
+    # or from k + tolerance and once to "double" the bias (appendix B.1)
+    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"
     replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
     train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
     later_from: Whole = 0  # env steps after which `train_every_later` holds; 0 for never
