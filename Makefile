@@ -37,7 +37,7 @@ test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on
 	grep -v '^mujoco==' constraints.txt > $(VENV)-upstream/constraints.txt
 	PIP_CONSTRAINT=$(VENV)-upstream/constraints.txt $(VENV)-upstream/bin/python -m pip install -q -e '.[fetch]' \
 		'mujoco==3.11.*' pytest hypothesis
-	$(VENV)-upstream/bin/python -m pytest tests/test_fetch_upstream.py
+	$(VENV)-upstream/bin/python -m pytest tests/envs/fetch/test_upstream.py
 
 lint: setup
 	$(BIN)/ruff check .

@@ -20,8 +20,6 @@ from benchmarks.measure import Contender, Row, compare, table
 from sprl_baselines.ppo import PPOConfig
 from sprl_bench.agents import load_factory
 
-__all__ = ["main", "rows"]
-
 TASK = "SPRL/FourRooms-7x7-v1"
 TIMES = {"gt-grid": 1.05, "icm": 1.6, "gt-sprl": 2.0, "sprl": 2.0, "eco": 2.5}  # of PPO's time, at most
 TRUSTED = {"ready_trainings": 1, "ready_accuracy": 0.0}

@@ -21,8 +21,6 @@ import sprl_bench  # noqa: F401 - registers the ids
 from benchmarks.measure import Contender, Row, compare, missing, table
 from sprl_bench.envs.fetch.simulation import WELDED_BODY, new_simulation
 
-__all__ = ["main", "rows"]
-
 NUM_ENVS, NUM_THREADS = 64, 2
 TASKS = ("Reach", "Push")
 ENVPOOL_BARS = {3: 1.5, 20: 1.2}

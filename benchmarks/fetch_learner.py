@@ -21,8 +21,6 @@ from benchmarks.measure import Contender, Row, compare, missing, table
 from sprl_baselines.agents import ppo
 from sprl_bench.envs.fetch.simulation import new_simulation
 
-__all__ = ["main", "rows"]
-
 TASK, SUBSTEP = "Reach", 3
 SETTINGS = ppo.hyperparameters("fetch", {})
 NUM_THREADS, BAR, REPEATS = 2, 5, 5

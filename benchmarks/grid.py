@@ -20,8 +20,6 @@ from minigrid.wrappers import FullyObsWrapper, ImgObsWrapper
 import sprl_bench  # noqa: F401 - registers the ids
 from benchmarks.measure import Contender, Row, compare, missing, table
 
-__all__ = ["main", "rows"]
-
 TASK = "SPRL/FourRooms-7x7-v1"
 
 

@@ -26,9 +26,7 @@ import sprl_bench  # noqa: F401 - registers the ids
 from benchmarks.learners import our_ppo, sb3_ppo, threads, turn_steps
 from benchmarks.measure import Contender, Row, compare, missing, table
 from sprl_baselines.agents import ppo
-from sprl_baselines.networks import LARGEST_CODES
-
-__all__ = ["main", "rows"]
+from sprl_baselines.learning.networks import LARGEST_CODES
 
 TASK = "SPRL/FourRooms-7x7-v1"
 SETTINGS = ppo.hyperparameters("grid", {})

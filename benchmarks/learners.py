@@ -15,8 +15,6 @@ from gymnasium.vector import VectorEnv
 from benchmarks.measure import Contender
 from sprl_baselines.agents import ppo
 
-__all__ = ["our_ppo", "sb3_ppo", "threads", "turn_steps"]
-
 Settings = Mapping[str, Any]
 
 

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-__all__ = ["Contender", "Row", "compare", "missing", "table"]
-
 Contender = Callable[[], int]
 """Does a fixed piece of work and returns how many env steps it was."""
 

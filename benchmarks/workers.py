@@ -13,8 +13,6 @@ from sprl_bench.executors import make_executor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
 
-__all__ = ["rows"]
-
 BUDGET = 60_000
 BAR = 0.9
 REPEATS = 5

@@ -13,13 +13,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args, get_origin, get_type_hints
 
-from sprl_baselines.config import Config
 from sprl_baselines.eco import ECOConfig
 from sprl_baselines.gt_grid import GTGridConfig
 from sprl_baselines.icm import ICMConfig
+from sprl_baselines.learning.config import Config
 from sprl_baselines.ppo import PPOConfig
 from sprl_baselines.presets import DOMAINS
-from sprl_baselines.reachability.config import HorizonConfig, ReachabilityConfig
+from sprl_baselines.reachability.hyperparameters import HorizonConfig, ReachabilityConfig
 from sprl_baselines.sprl import ConstraintConfig
 
 HEAD: Final = """# Hyperparameters

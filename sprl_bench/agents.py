@@ -17,11 +17,6 @@ from gymnasium.vector import VectorEnv
 
 from sprl_bench.suggestions import unknown
 
-__all__ = [
-    "Agent", "AgentFactory", "Playable", "Policy", "Resumable", "agent_names", "has_hyperparameter", "load_attribute",
-    "load_factory", "resolve_hyperparameters",
-]  # fmt: skip
-
 GROUP = "sprl_bench.agents"
 SET_BY_THE_RUN = ("seed", "device")  # what every factory is given, so no hyperparameter
 

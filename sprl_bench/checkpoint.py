@@ -19,8 +19,6 @@ import numpy.typing as npt
 
 from sprl_bench.records import write_bytes
 
-__all__ = ["BrokenCheckpointError", "load", "save"]
-
 FORMAT: Final = "1"
 
 Array = npt.NDArray[Any]

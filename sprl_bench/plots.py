@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from sprl_bench import metrics
+from sprl_bench import scores
 from sprl_bench.records import RunRecord, RunSpec, write_bytes
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
@@ -31,8 +31,6 @@ from sprl_bench.tables import (
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-__all__ = ["SUFFIXES", "draw_curves", "plot", "plot_results"]
 
 SUFFIXES = (".pdf", ".png", ".svg")
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -200,11 +198,11 @@ def _range(runs: Sequence[Result]) -> tuple[float, float]:
     return min(values), max(values)
 
 
-def _draw_agent(axes: Axes, curves: metrics.Array, budget: int, look: Look) -> None:
+def _draw_agent(axes: Axes, curves: scores.Array, budget: int, look: Look) -> None:
     """Draw the mean of curves [S, 100], each bin at its end."""
-    steps = budget * np.arange(1, metrics.BINS + 1) / metrics.BINS
+    steps = budget * np.arange(1, scores.BINS + 1) / scores.BINS
     axes.plot(steps, curves.mean(axis=0), color=look.colour, linestyle=look.dashes, linewidth=1.6)
-    band = metrics.curve_band(curves, np.random.default_rng(BOOTSTRAP_SEED))
+    band = scores.curve_band(curves, np.random.default_rng(BOOTSTRAP_SEED))
     if band is not None:
         axes.fill_between(steps, *band, color=look.colour, alpha=0.12, linewidth=0)
 

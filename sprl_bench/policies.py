@@ -19,12 +19,10 @@ from gymnasium import spaces
 from sprl_bench import checkpoint
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS
-from sprl_bench.recorder.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS
 from sprl_bench.records import RunSpec, read
+from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
-
-__all__ = ["NAMES", "Actor", "UnplayableRunError", "find_actor", "find_run"]
 
 Env = gymnasium.Env[Any, Any]
 

@@ -12,8 +12,6 @@ from typing import Any, Self
 
 from sprl_bench.records import RunSpec
 
-__all__ = ["StopSignals", "torch_set_up"]
-
 
 @contextlib.contextmanager
 def torch_set_up(spec: RunSpec) -> Iterator[None]:

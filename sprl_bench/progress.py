@@ -21,8 +21,6 @@ from rich.text import Text
 from sprl_bench.records import RunSpec
 from sprl_bench.suite import Observer, Outcome, RunState, state_of
 
-__all__ = ["LiveProgress", "PlainProgress", "duration", "make_observer"]
-
 LIVE_S: Final = 1.0  # between two looks at the folders
 PLAIN_S: Final = 10.0
 

@@ -17,23 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import make_vec
+from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench import checkpoint, machine
+from sprl_bench import checkpoint, provenance
 from sprl_bench.agents import Playable, Resumable, load_factory
 from sprl_bench.process import StopSignals, torch_set_up
-from sprl_bench.recorder import VectorRecorder, make_envs
-from sprl_bench.recorder.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, WEIGHTS, lock, remove_leftovers
+from sprl_bench.recorder import VectorRecorder
+from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import write_result
 from sprl_bench.records import RunRecord, RunSpec, differences, read, write
-
-__all__ = [
-    "CheckpointRefusedError",
-    "InterruptedRunError",
-    "SpecChangedError",
-    "env_seed",
-    "find_finished",
-    "run",
-]
+from sprl_bench.records.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, WEIGHTS, lock, remove_leftovers
 
 logger = logging.getLogger("sprl_bench")
 
@@ -118,6 +112,19 @@ def env_seed(spec: RunSpec) -> int:
     return int(np.random.SeedSequence([spec.seed, task]).generate_state(1)[0]) >> 1
 
 
+def make_envs(
+    env_id: str, num_envs: int, arguments: Mapping[str, Any], num_threads: int = 1
+) -> VectorEnv[Any, Any, Any]:
+    """Make a vector environment in SameStep mode; a batched one uses so many threads at most.
+
+    `make_vec` is taken from its own module: inside `recording()` the one in `gymnasium` records.
+    """
+    if env_id.startswith(NAMESPACE):
+        return make_vec(env_id, num_envs=num_envs, num_threads=num_threads, **arguments)
+    mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    return make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=mode, **arguments)
+
+
 def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool]) -> None:
     """Let the agent train until the budget is reached."""
     last = time.monotonic()
@@ -150,9 +157,9 @@ class _Session:
         self.spec, self._folder = spec, folder
         self._started = time.perf_counter()
         self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
-        self._commits = [machine.git_commit()]
+        self._commits = [provenance.git_commit()]
         factory = load_factory(spec.source or spec.agent)
-        self._code, self._processor = machine.agent_code(spec.source), machine.hardware().cpu
+        self._code, self._processor = provenance.agent_code(spec.source), provenance.hardware().cpu
         opened.enter_context(torch_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
@@ -198,12 +205,12 @@ class _Session:
             return False
         state = {
             "spec": self.spec.model_dump_json(),
-            "versions": machine.versions(),
+            "versions": provenance.versions(),
             "git_commits": self._commits,
             "agent_code": self._code,
             "processor": self._processor,
             "wall_time_s": self._wall_time_s,
-            "peak_memory_mib": max(self._earlier_peak_mib, machine.peak_memory_mib()),
+            "peak_memory_mib": max(self._earlier_peak_mib, provenance.peak_memory_mib()),
             "metrics_bytes": self._metrics.tell(),
             "log": self._envs.episode_log.state_dict(),
             "envs": self._envs.unwrapped.get_state(),  # type: ignore[attr-defined] # checked by _resumable
@@ -236,8 +243,8 @@ class _Session:
         path = self._folder / CHECKPOINT
         if changed := differences(RunSpec.model_validate_json(state["spec"]), self.spec):
             raise CheckpointRefusedError(f"{path} is of another run: {'; '.join(changed)}.")
-        loaded, then = machine.versions(), state["versions"]
-        now = {name: loaded.get(name) or machine.installed(name) for name in then}  # some are loaded only later
+        loaded, then = provenance.versions(), state["versions"]
+        now = {name: loaded.get(name) or provenance.installed(name) for name in then}  # some are loaded only later
         other = [f"{name} {then[name]} then, {now[name]} now" for name in then if now[name] != then[name]]
         if other:
             raise CheckpointRefusedError(

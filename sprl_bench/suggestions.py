@@ -1,16 +1,20 @@
-"""The one sentence that a misspelt name is answered with."""
+"""Did you mean: the nearest allowed name, and the sentence that refuses an unknown one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = ["unknown"]
+
+def did_you_mean(name: object, allowed: Iterable[object]) -> str:
+    """Return "did you mean 'NAME'?" for the allowed text nearest to `name`, or nothing if none is near."""
+    by_letters = {choice.lower(): choice for choice in allowed if isinstance(choice, str)}
+    near = get_close_matches(str(name).lower(), by_letters, n=1)
+    return f"did you mean {by_letters[near[0]]!r}?" if near else ""
 
 
 def unknown(kind: str, name: str, allowed: Iterable[str]) -> str:
     """Return "Unknown KIND 'NAME'...", with the nearest allowed name and the whole list."""
     names = sorted(allowed)
-    near = get_close_matches(name, names, n=1, cutoff=0.6)
-    hint = f"; did you mean {near[0]!r}? Allowed:" if near else "; allowed:"
-    return f"Unknown {kind} {name!r}{hint} {', '.join(names) or 'none'}."
+    hint = did_you_mean(name, names)
+    return f"Unknown {kind} {name!r}; {f'{hint} Allowed' if hint else 'allowed'}: {', '.join(names) or 'none'}."

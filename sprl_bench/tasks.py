@@ -10,10 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from sprl_bench.metrics import BINS
+from sprl_bench.scores import BINS
 from sprl_bench.suggestions import unknown
-
-__all__ = ["CUSTOM", "SUITES", "Suite", "Task", "find_suite", "match_task", "too_wide", "with_budget"]
 
 Argument = bool | int | float | str
 

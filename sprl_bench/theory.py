@@ -26,22 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprl_bench import solver
-from sprl_bench.envs.arguments import check_array, check_integer
+from sprl_bench.envs.checks import check_array, check_integer
 from sprl_bench.envs.grid.encoding import WALL
-
-__all__ = [
-    "Counts",
-    "World",
-    "cardinal_world",
-    "count_trajectories",
-    "distances",
-    "is_admissible",
-    "num_reachable",
-    "pose_world",
-    "shares",
-    "shortest_path",
-    "steps_to_goal",
-]
 
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]

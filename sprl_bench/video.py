@@ -24,12 +24,10 @@ from numpy.typing import NDArray
 
 from sprl_bench.agents import Policy
 from sprl_bench.envs import IDS
-from sprl_bench.envs.arguments import check_integer
+from sprl_bench.envs.checks import check_integer
 from sprl_bench.policies import find_actor
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
-
-__all__ = ["SUFFIXES", "CannotDrawError", "Episode", "record_video"]
 
 Env = gymnasium.Env[Any, Any]
 

@@ -17,18 +17,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sprl_bench import checkpoint, machine, metrics
+from sprl_bench import checkpoint, provenance, scores
 from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.process import torch_set_up
-from sprl_bench.recorder import make_envs
-from sprl_bench.recorder.folder import LockedError, lock
 from sprl_bench.records import RunRecord, RunSpec, read, write
+from sprl_bench.records.folder import LockedError, lock
 from sprl_bench.run import (
     CheckpointRefusedError,
     InterruptedRunError,
     SpecChangedError,
     _joined,
     env_seed,
+    make_envs,
     run,
 )
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
@@ -105,7 +105,7 @@ def test_a_run_writes_its_record_episodes_and_metrics(uninterrupted: Path) -> No
     assert (record.status, record.spec) == ("complete", read(uninterrupted / "spec.json", RunSpec))
     table = episodes(uninterrupted)
     assert len(table["stamp"]) == record.totals.episodes > 5
-    assert record.return_curve == tuple(metrics.curve(table["stamp"], table["return"], BUDGET).tolist())
+    assert record.return_curve == tuple(scores.curve(table["stamp"], table["return"], BUDGET).tolist())
     assert record.totals.env_steps == BUDGET
     assert [line["env_steps"] for line in lines(uninterrupted)] == [*range(60, BUDGET, 60), 1002]
     assert lines(uninterrupted)[3] == {"env_steps": 240, "updates": 4.0, "loss": None}
@@ -149,10 +149,10 @@ def test_an_interrupted_run_comes_to_the_same(tmp_path: Path, uninterrupted: Pat
 def test_a_run_of_many_commits_still_fits_its_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     commits = [f"{number:040}-dirty" for number in range(9)]
     for commit in commits[:-1]:
-        monkeypatch.setattr(machine, "git_commit", lambda commit=commit: commit)
+        monkeypatch.setattr(provenance, "git_commit", lambda commit=commit: commit)
         with pytest.raises(InterruptedRunError):
             run(make_spec(), tmp_path, stop=after(1))
-    monkeypatch.setattr(machine, "git_commit", lambda: commits[-1])
+    monkeypatch.setattr(provenance, "git_commit", lambda: commits[-1])
     assert run(make_spec(), tmp_path).git_commit == f"{commits[0]}, 7 others, {commits[-1]}"
 
 
@@ -286,8 +286,8 @@ def test_a_broken_checkpoint_is_discarded_with_a_word(
 
 def test_a_checkpoint_of_other_versions_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = interrupted(make_spec(), tmp_path)
-    before, versions = path.read_bytes(), machine.versions()
-    monkeypatch.setattr(machine, "versions", lambda: {**versions, "numpy": "9.9"})
+    before, versions = path.read_bytes(), provenance.versions()
+    monkeypatch.setattr(provenance, "versions", lambda: {**versions, "numpy": "9.9"})
     with pytest.raises(CheckpointRefusedError, match=f"numpy {versions['numpy']} then, 9.9 now"):
         run(make_spec(), tmp_path)
     assert path.read_bytes() == before
@@ -295,9 +295,9 @@ def test_a_checkpoint_of_other_versions_is_refused(tmp_path: Path, monkeypatch: 
 
 def test_a_package_that_is_loaded_later_is_looked_at_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted(make_spec(), tmp_path)
-    loaded = {name: version for name, version in machine.versions().items() if name != "numpy"}
-    monkeypatch.setattr(machine, "versions", lambda: loaded)
-    monkeypatch.setattr(machine, "installed", {"numpy": "9.9"}.get)
+    loaded = {name: version for name, version in provenance.versions().items() if name != "numpy"}
+    monkeypatch.setattr(provenance, "versions", lambda: loaded)
+    monkeypatch.setattr(provenance, "installed", {"numpy": "9.9"}.get)
     with pytest.raises(CheckpointRefusedError, match=r"numpy \S+ then, 9\.9 now"):
         run(make_spec(), tmp_path)
 
@@ -318,17 +318,17 @@ def test_a_checkpoint_of_other_code_is_refused(tmp_path: Path, monkeypatch: pyte
 
 
 def test_an_installed_agent_has_no_code_of_its_own() -> None:
-    assert machine.agent_code("ppo") is None
-    assert machine.agent_code("") == machine.agent_code("__main__:script")
-    assert machine.agent_code("not.loaded:agent") is None
+    assert provenance.agent_code("ppo") is None
+    assert provenance.agent_code("") == provenance.agent_code("__main__:script")
+    assert provenance.agent_code("not.loaded:agent") is None
 
 
 def test_another_processor_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     interrupted(make_spec(), tmp_path)
-    here = machine.hardware()
-    monkeypatch.setattr(machine, "hardware", lambda: here.model_copy(update={"cpu": "Abacus"}))
+    here = provenance.hardware()
+    monkeypatch.setattr(provenance, "hardware", lambda: here.model_copy(update={"cpu": "Abacus"}))
     assert run(make_spec(), tmp_path).status == "complete"
     assert f"was made on another processor ({here.cpu} then, Abacus now)" in caplog.text
 

@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import sprl_bench  # noqa: F401 - registers the ids
-from sprl_bench import solver, theory, theory_plots
+import theory_plots
+from sprl_bench import solver, theory
 from sprl_bench.envs.grid.encoding import AGENT, EMPTY, GOAL, KEY, WALL
 
 KS = (0, 1, 2, 3, 5, 10)

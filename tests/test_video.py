@@ -15,8 +15,8 @@ import pytest
 
 from sprl_bench.cli import main
 from sprl_bench.policies import UnplayableRunError, find_actor, find_run
-from sprl_bench.recorder.folder import RECORD
 from sprl_bench.records import RunSpec, write
+from sprl_bench.records.folder import RECORD
 from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
 from sprl_bench.video import CannotDrawError, Episode, record_video
@@ -355,7 +355,7 @@ def test_a_missing_library_says_how_to_get_it(capsys: Capture, tmp_path: Path, m
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     status, _, err = call(capsys, GRID, "-o", tmp_path / "a.mp4")
     assert status == 1
-    assert "imageio_ffmpeg is not installed; get it with: pip install 'sprl-bench[video]'" in err
+    assert "imageio_ffmpeg is not installed; install it with: pip install 'sprl-bench[video]'" in err
     assert list(tmp_path.iterdir()) == []
 
 

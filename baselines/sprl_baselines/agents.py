@@ -12,17 +12,15 @@ from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
-from sprl_baselines.config import Config, reject_unknown
 from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
-from sprl_baselines.moments import RewardNormalizer
+from sprl_baselines.learning.config import Config, reject_unknown
+from sprl_baselines.learning.moments import RewardNormalizer
+from sprl_baselines.learning.rollout import Collector, Rollout, clipping, stacked
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
-from sprl_baselines.rollout import Collector, Rollout, clipping, stacked
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
-
-__all__ = ["LearningAgent", "LearningAgentFactory", "eco", "gt_grid", "gt_sprl", "icm", "ppo", "sprl"]
 
 C = TypeVar("C", bound=Config)
 Envs = VectorEnv[Any, Any, Any]

@@ -10,10 +10,8 @@ import torch
 from gymnasium import Space
 from torch import Tensor
 
-from sprl_baselines.config import Config
-from sprl_baselines.rollout import Rollout
-
-__all__ = ["Bonus", "NoBonus", "NoBonusConfig", "Setting"]
+from sprl_baselines.learning.config import Config
+from sprl_baselines.learning.rollout import Rollout
 
 
 class Bonus(Protocol):

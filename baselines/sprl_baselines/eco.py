@@ -15,11 +15,9 @@ import torch
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Count, Share, Weight
+from sprl_baselines.learning.config import Count, Share, Weight
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.reachability import Judge, LearnedReachability, Reachability, ReachabilityConfig, judge_pairs
-from sprl_baselines.rollout import Rollout
-
-__all__ = ["ECO", "ECOConfig"]
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,10 @@ from gymnasium import Space
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Choice, Config, Weight
-from sprl_baselines.grids import SQUARE_GRID, grid_shape
-from sprl_baselines.rollout import Rollout
+from sprl_baselines.learning.config import Choice, Config, Weight
+from sprl_baselines.learning.grids import SQUARE_GRID, grid_shape
+from sprl_baselines.learning.rollout import Rollout
 from sprl_bench import solver
-
-__all__ = ["GTGrid", "GTGridConfig"]
 
 Places = npt.NDArray[np.int64]
 

@@ -20,28 +20,13 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Config, Count, Positive, Share, Weight
-from sprl_baselines.distinct import distinct
-from sprl_baselines.grids import GRIDS, grid_shape
-from sprl_baselines.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
-from sprl_baselines.rollout import Rollout
-from sprl_baselines.strided_convolution import CHANNELS, StridedConvolution
-from sprl_baselines.training_state import restore, saved
-
-__all__ = [
-    "ICM",
-    "ActionKind",
-    "ContinuousActions",
-    "DiscreteActions",
-    "Dynamics",
-    "FlattenCells",
-    "Foresight",
-    "ICMConfig",
-    "Transitions",
-    "action_kind",
-    "encoder",
-    "one_hidden_layer",
-]
+from sprl_baselines.kernels.strided_convolution import CHANNELS, StridedConvolution
+from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight
+from sprl_baselines.learning.distinct import distinct
+from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
+from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.training_state import restore, saved
 
 ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
 
@@ -218,7 +203,7 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
         cells = ScaledCells(frames)
         layers: list[nn.Module] = [cells]
         for inputs in (cells.channels, CHANNELS, CHANNELS, CHANNELS):
-            convolution = StridedConvolution(inputs, sides, generator)
+            convolution = StridedConvolution(inputs, sides, RELU_GAIN, generator)
             layers += [convolution, nn.ELU()]
             sides = convolution.remaining
         return nn.Sequential(*layers, FlattenCells()), CHANNELS * prod(sides)

@@ -16,15 +16,13 @@ from gymnasium import Space
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from sprl_baselines.config import Choice, Config, Count, Positive, Range, Share, Weight
-from sprl_baselines.distinct import distinct
-from sprl_baselines.distributions import Distribution
-from sprl_baselines.networks import GRID_ENCODINGS, actor_critic
-from sprl_baselines.returns import generalized_advantages, successor_values
-from sprl_baselines.rollout import Decision, Rollout
-from sprl_baselines.training_state import restore, saved
-
-__all__ = ["PPO", "PPOConfig", "Samples", "ppo_losses"]
+from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
+from sprl_baselines.learning.distinct import distinct
+from sprl_baselines.learning.distributions import Distribution
+from sprl_baselines.learning.networks import GRID_ENCODINGS, actor_critic
+from sprl_baselines.learning.returns import generalized_advantages, successor_values
+from sprl_baselines.learning.rollout import Decision, Rollout
+from sprl_baselines.learning.training_state import restore, saved
 
 
 @dataclass(frozen=True)

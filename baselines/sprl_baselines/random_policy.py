@@ -11,9 +11,7 @@ import numpy.typing as npt
 from gymnasium import Space, spaces
 from gymnasium.vector import VectorEnv
 
-from sprl_baselines.config import Config, Count, reject_unknown
-
-__all__ = ["RandomAgent", "RandomAgentFactory", "RandomConfig", "random", "uniform_actions"]
+from sprl_baselines.learning.config import Config, Count, reject_unknown
 
 STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
 

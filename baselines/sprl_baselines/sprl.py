@@ -17,7 +17,8 @@ import torch
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.config import Count, Share, Weight
+from sprl_baselines.learning.config import Count, Share, Weight
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.reachability import (
     GroundTruth,
     HorizonConfig,
@@ -27,9 +28,6 @@ from sprl_baselines.reachability import (
     ReachabilityConfig,
     judge_pairs,
 )
-from sprl_baselines.rollout import Rollout
-
-__all__ = ["SPRL", "ConstraintConfig", "SPRLConfig", "count_votes", "votes_needed"]
 
 CHUNK = 8  # lengths judged at a time: few enough to stop early, enough to fill a batch
 

@@ -4,32 +4,26 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
-from types import MappingProxyType
 from typing import Annotated, cast
 
 import typer
 
-from sprl_bench.cli import boards, doctoring, filming, listing, reports, running
-
-__all__ = ["app", "main"]
+from sprl_bench.cli import leaderboard
+from sprl_bench.cli import list as listing
+from sprl_bench.cli.doctor import doctor
+from sprl_bench.cli.options import require_command
+from sprl_bench.cli.plot import plot
+from sprl_bench.cli.run import run
+from sprl_bench.cli.status import status
+from sprl_bench.cli.table import table
+from sprl_bench.cli.video import video
+from sprl_bench.extras import advice, extra_of
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 """What the parser raises for a wrong command; typer does not export it."""
-EXTRAS: Mapping[str, str] = MappingProxyType(
-    {
-        "gymnasium_robotics": "fetch",
-        "imageio": "video",
-        "imageio_ffmpeg": "video",
-        "matplotlib": "plots",
-        "mujoco": "fetch",
-        "ray": "ray",
-        "submitit": "slurm",
-        "torch": "baselines",
-    }
-)
 
 app = typer.Typer(
     name="sprl-bench",
@@ -39,13 +33,9 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(listing.app, name="list")
-app.command("run")(running.run)
-app.command("status")(running.status)
-app.command("table")(reports.table)
-app.command("plot")(reports.plot)
-app.add_typer(boards.app, name="leaderboard")
-app.command("video")(filming.video)
-app.command("doctor")(doctoring.doctor)
+for command in (run, status, table, plot, video, doctor):
+    app.command()(command)
+app.add_typer(leaderboard.app, name="leaderboard")
 
 
 def _show_version(wanted: bool) -> None:
@@ -65,7 +55,7 @@ def _options(
     ] = False,
 ) -> None:
     # `main` has taken --debug out before the parser sees it, wherever it stood; it is here for the help.
-    listing.require_command(context)
+    require_command(context)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -104,8 +94,8 @@ def _call(words: Sequence[str]) -> int:
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}."
-    if isinstance(error, ModuleNotFoundError) and (extra := EXTRAS.get(error.name or "")):
-        return f"{error.name} is not installed; get it with: pip install 'sprl-bench[{extra}]'"
+    if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")):
+        return f"{error.name} is not installed; install it with: {advice(extra)}"
     return str(error) or type(error).__name__
 
 

@@ -15,16 +15,16 @@ _FETCH = "sprl_bench.envs.fetch"
 
 # id -> (entry point of the single environment, entry point of the batched engine)
 _GRID_TABLE: dict[str, tuple[str, str]] = {
-    "SPRL/FourRooms-7x7-v1": (f"{_GRID}.four_rooms:FourRooms7x7", f"{_GRID}.engine:FourRooms7x7Engine"),
-    "SPRL/FourRooms-11x11-v1": (f"{_GRID}.four_rooms:FourRooms11x11", f"{_GRID}.engine:FourRooms11x11Engine"),
-    "SPRL/KeyDoors-7x7-v1": (f"{_GRID}.key_doors:KeyDoors7x7", f"{_GRID}.engine:KeyDoors7x7Engine"),
-    "SPRL/KeyDoors-11x11-v1": (f"{_GRID}.key_doors:KeyDoors11x11", f"{_GRID}.engine:KeyDoors11x11Engine"),
+    "SPRL/FourRooms-7x7-v1": (f"{_GRID}.four_rooms:FourRooms7x7", f"{_GRID}.grid_engine:FourRooms7x7Engine"),
+    "SPRL/FourRooms-11x11-v1": (f"{_GRID}.four_rooms:FourRooms11x11", f"{_GRID}.grid_engine:FourRooms11x11Engine"),
+    "SPRL/KeyDoors-7x7-v1": (f"{_GRID}.key_doors:KeyDoors7x7", f"{_GRID}.grid_engine:KeyDoors7x7Engine"),
+    "SPRL/KeyDoors-11x11-v1": (f"{_GRID}.key_doors:KeyDoors11x11", f"{_GRID}.grid_engine:KeyDoors11x11Engine"),
 }
 _FETCH_TABLE: dict[str, tuple[str, str]] = {
-    "SPRL/FetchReachSparse-v1": (f"{_FETCH}.env:reach", f"{_FETCH}.engine:reach"),
-    "SPRL/FetchPushSparse-v1": (f"{_FETCH}.env:push", f"{_FETCH}.engine:push"),
-    "SPRL/FetchSlideSparse-v1": (f"{_FETCH}.env:slide", f"{_FETCH}.engine:slide"),
-    "SPRL/FetchPickAndPlaceSparse-v1": (f"{_FETCH}.env:pick_and_place", f"{_FETCH}.engine:pick_and_place"),
+    "SPRL/FetchReachSparse-v1": (f"{_FETCH}.fetch_env:reach", f"{_FETCH}.fetch_engine:reach"),
+    "SPRL/FetchPushSparse-v1": (f"{_FETCH}.fetch_env:push", f"{_FETCH}.fetch_engine:push"),
+    "SPRL/FetchSlideSparse-v1": (f"{_FETCH}.fetch_env:slide", f"{_FETCH}.fetch_engine:slide"),
+    "SPRL/FetchPickAndPlaceSparse-v1": (f"{_FETCH}.fetch_env:pick_and_place", f"{_FETCH}.fetch_engine:pick_and_place"),
 }
 
 _TABLE = _GRID_TABLE | _FETCH_TABLE

@@ -14,8 +14,6 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Engine", "Mask", "Rows"]
-
 Array = NDArray[Any]
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]

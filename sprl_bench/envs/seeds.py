@@ -8,8 +8,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["checked_seeds", "pack_seeds", "random_seed", "unpack_seeds"]
-
 _LIMB: Final = 64
 _LEAST_LIMBS: Final = 2  # a random seed has 128 bits
 

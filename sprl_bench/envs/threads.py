@@ -8,9 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from sprl_bench.envs.arguments import check_integer
-
-__all__ = ["Threads", "usable_cores"]
+from sprl_bench.envs.checks import check_integer
 
 
 def usable_cores() -> int:

@@ -18,13 +18,21 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from sprl_bench.envs.arguments import check_array, check_choice, check_entries, check_integer, refuse_unknown
+from sprl_bench.envs.checks import (
+    NEVER,
+    VECTOR_ARGUMENTS,
+    check_array,
+    check_choice,
+    check_entries,
+    check_integer,
+    checked_autoreset_mode,
+    checked_mask,
+    checked_time_limit,
+    refuse_unknown,
+)
 from sprl_bench.envs.engine import Array, Engine, Mask, Rows
 from sprl_bench.envs.seeds import checked_seeds, pack_seeds, random_seed, unpack_seeds
 from sprl_bench.envs.threads import Threads
-from sprl_bench.envs.vector_arguments import ARGUMENTS, NEVER, checked_autoreset_mode, checked_mask, checked_time_limit
-
-__all__ = ["BatchedEnv"]
 
 _NO_THREADS: Final = Threads(1, grain=1)
 
@@ -64,7 +72,7 @@ class BatchedEnv(Engine):
         copy: bool = True,
         **unknown: Any,
     ) -> None:
-        refuse_unknown(type(self).__name__, unknown, ARGUMENTS)
+        refuse_unknown(type(self).__name__, unknown, VECTOR_ARGUMENTS)
         self.num_envs = check_integer("num_envs", num_envs, 1)
         self._mode = checked_autoreset_mode(autoreset_mode)
         self._limit = checked_time_limit(max_episode_steps)

@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from sprl_bench.executors.base import Executor, WorkerDiedError
+from sprl_bench.executors.clusters import RayExecutor, SlurmExecutor
 from sprl_bench.executors.local import LocalExecutor
-from sprl_bench.executors.protocol import Executor, WorkerDiedError
-from sprl_bench.executors.ray import RayExecutor
-from sprl_bench.executors.slurm import SlurmExecutor
 from sprl_bench.suggestions import unknown
 
 __all__ = ["Executor", "LocalExecutor", "RayExecutor", "SlurmExecutor", "WorkerDiedError", "make_executor"]

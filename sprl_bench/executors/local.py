@@ -14,12 +14,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Final, Generic
 
-from sprl_bench.executors.protocol import Result, WorkerDiedError
-from sprl_bench.executors.under_way import under_way
-from sprl_bench.executors.variables import worker_environment
+from sprl_bench.executors.base import Result, WorkerDiedError, under_way, worker_environment
 from sprl_bench.records import RunSpec
-
-__all__ = ["LocalExecutor"]
 
 POLL_S: Final = 1.0  # seconds between two looks at what has ended
 PATIENCE_S: Final = 120.0  # with a worker that was asked to stop: one update and one checkpoint

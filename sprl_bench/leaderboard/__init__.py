@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sprl_bench.leaderboard.comparing import (
+from sprl_bench.leaderboard.comparison import (
     COMPARISON_FORMATS,
     Comparison,
     Difference,
@@ -11,8 +11,7 @@ from sprl_bench.leaderboard.comparing import (
     side_by_side,
 )
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
-from sprl_bench.leaderboard.making import check_suite, make_entry
-from sprl_bench.leaderboard.published import (
+from sprl_bench.leaderboard.store import (
     OutdatedEntryError,
     add_entry,
     board,
@@ -26,6 +25,7 @@ from sprl_bench.leaderboard.published import (
     schema,
     validate,
 )
+from sprl_bench.leaderboard.submission import check_suite, make_entry
 
 __all__ = [
     "COMPARISON_FORMATS",

@@ -28,8 +28,6 @@ from sprl_bench.records import (
 )
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
-__all__ = ["MINIMUM_SEEDS", "Entry", "SeedResult", "TaskEntry", "is_telling"]
-
 MINIMUM_SEEDS = 5
 NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")
 """What every run has loaded."""

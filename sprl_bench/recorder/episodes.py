@@ -19,8 +19,6 @@ import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-__all__ = ["ALL", "EPISODE", "EpisodeLog"]
-
 EPISODE: Final = np.dtype(
     [("stamp", np.int64), ("env", np.int32), ("return", np.float64), ("length", np.int32), ("success", np.bool_)]
 )

@@ -25,8 +25,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from sprl_bench.recorder.golden import GOLDEN
 from sprl_bench.records import TaskSpec
 
-__all__ = ["fingerprint", "trajectory"]
-
 NUM_ENVS = 2
 STEPS = 200  # at least
 MOST_STEPS = 2000  # where episodes do not end

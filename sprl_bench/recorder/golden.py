@@ -14,8 +14,6 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import Space, spaces
 
-__all__ = ["GOLDEN", "Golden"]
-
 
 @dataclass(frozen=True)
 class Golden:

@@ -18,10 +18,9 @@ from gymnasium import wrappers
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv, VectorWrapper
 
-from sprl_bench.recorder.making import NAMESPACE
 from sprl_bench.tasks import CUSTOM, SUITES, Argument, Suite, Task, find_suite, match_task, with_budget
 
-__all__ = ["Identity", "choose_task", "identify"]
+NAMESPACE: Final = "SPRL/"  # of our own environments
 
 Env = gymnasium.Env[Any, Any]
 Envs = VectorEnv[Any, Any, Any]

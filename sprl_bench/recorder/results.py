@@ -9,13 +9,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sprl_bench import machine, metrics
+from sprl_bench import provenance, scores
 from sprl_bench.recorder.episodes import EPISODE, EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
-from sprl_bench.recorder.folder import EPISODES, RECORD
 from sprl_bench.records import RunRecord, RunSpec, Scores, Totals, write, write_bytes
-
-__all__ = ["write_result"]
+from sprl_bench.records.folder import EPISODES, RECORD
 
 
 def write_result(
@@ -54,8 +52,8 @@ def _record(
     agent_code: str | None,
 ) -> RunRecord:
     episodes, task = log.episodes, spec.task
-    returns = tuple(metrics.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
-    success = tuple(metrics.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
+    returns = tuple(scores.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
+    success = tuple(scores.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
     status: Literal["complete", "incomplete"] = "complete" if log.complete else "incomplete"
     return RunRecord(
         spec=spec,
@@ -65,12 +63,12 @@ def _record(
         scores=Scores.of(task, returns, success),
         totals=_totals(log),
         fingerprint=fingerprint(task),
-        versions=machine.versions(),
-        git_commit=git_commit or machine.git_commit(),
+        versions=provenance.versions(),
+        git_commit=git_commit or provenance.git_commit(),
         agent_code=agent_code,
-        hardware=machine.hardware(),
+        hardware=provenance.hardware(),
         wall_time_s=round(wall_time_s, 3),
-        peak_memory_mib=max(peak_memory_mib, machine.peak_memory_mib()),
+        peak_memory_mib=max(peak_memory_mib, provenance.peak_memory_mib()),
     )
 
 
@@ -81,7 +79,7 @@ def _totals(log: EpisodeLog) -> Totals:
         episodes=len(episodes),
         abandoned=log.abandoned,
         successes=int(episodes["success"].sum()),
-        mean_return=metrics.auc(episodes["return"]) if len(episodes) else 0.0,
+        mean_return=scores.auc(episodes["return"]) if len(episodes) else 0.0,
         mean_length=float(episodes["length"].mean()) if len(episodes) else 0.0,
     )
 

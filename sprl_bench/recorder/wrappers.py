@@ -17,8 +17,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sprl_bench.recorder.episodes import EpisodeLog
 
-__all__ = ["EnvRecorder", "Listener", "VectorRecorder"]
-
 Mask = npt.NDArray[np.bool_]
 
 

@@ -10,7 +10,6 @@ import os
 import re
 import secrets
 from collections.abc import Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -18,8 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from sprl_bench.records.places import Place, find_duplicate, find_line
-
-__all__ = ["Data", "InvalidFileError", "first_complaint", "locate", "read", "write", "write_bytes"]
+from sprl_bench.suggestions import did_you_mean
 
 SHOWN_LETTERS = 80
 OURS = "Value error, "
@@ -96,8 +94,8 @@ def _complaint(first: ErrorDetails, errors: Sequence[ErrorDetails]) -> str:
     match first["type"]:
         case "extra_forbidden":
             missing = [str(other["loc"][-1]) for other in errors if other["type"] == "missing"]
-            near = get_close_matches(str(first["loc"][-1]), missing, n=1)
-            return "this key is unknown" + (f"; did you mean {near[0]!r}?" if near else "")
+            hint = did_you_mean(first["loc"][-1], missing)
+            return f"this key is unknown; {hint}" if hint else "this key is unknown"
         case "missing":
             return "this key is missing"
         case "value_error":

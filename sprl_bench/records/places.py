@@ -6,8 +6,6 @@ import json
 import re
 from collections.abc import Iterator
 
-__all__ = ["Place", "find_duplicate", "find_line"]
-
 Place = tuple[str | int, ...]
 """The keys and indices that lead from the whole file to a value."""
 

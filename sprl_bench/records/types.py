@@ -16,28 +16,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
 
-from sprl_bench import metrics
+from sprl_bench import scores
 from sprl_bench.records.files import Data, first_complaint, read
 from sprl_bench.tasks import Suite, Task
-
-__all__ = [
-    "Count",
-    "Curve",
-    "Hardware",
-    "Json",
-    "Line",
-    "Name",
-    "RunRecord",
-    "RunSpec",
-    "Scores",
-    "TaskSpec",
-    "Totals",
-    "check_scores",
-    "differences",
-    "find_records",
-    "hyperparameters_hash",
-]
-
 
 SHOWN_LETTERS = 60
 LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
@@ -81,7 +62,7 @@ Positive = Annotated[int, Field(gt=0, lt=2**53), BeforeValidator(_plain_integer)
 Bounded = Annotated[float, Field(ge=-1e300, le=1e300)]  # the sum of a curve is finite
 Amount = Annotated[float, Field(ge=0)]
 Json = Annotated[JsonValue, AfterValidator(_finite)]
-Curve = Annotated[tuple[Bounded, ...], Field(min_length=metrics.BINS, max_length=metrics.BINS, strict=False)]
+Curve = Annotated[tuple[Bounded, ...], Field(min_length=scores.BINS, max_length=scores.BINS, strict=False)]
 
 
 class TaskSpec(Data):
@@ -216,11 +197,11 @@ class Scores(Data):
         """Compute the scores of a run of `task`."""
         returns, success = np.asarray(return_curve), np.asarray(success_curve)
         return cls(
-            auc=metrics.auc(returns),
-            final=metrics.final(returns),
-            success_auc=metrics.auc(success),
-            success_final=metrics.final(success),
-            steps_to_threshold=metrics.steps_to_threshold(returns, task.budget, task.score_range),
+            auc=scores.auc(returns),
+            final=scores.final(returns),
+            success_auc=scores.auc(success),
+            success_final=scores.final(success),
+            steps_to_threshold=scores.steps_to_threshold(returns, task.budget, task.score_range),
         )
 
 

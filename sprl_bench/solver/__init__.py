@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sprl_bench.envs.arguments import check_integer
+from sprl_bench.envs.checks import check_integer
 from sprl_bench.solver.maps import NOWHERE, Cells, Integers, State, checked_maps, parse
 from sprl_bench.solver.search import UNLIMITED, distances_all, num_codes, path_of, solve_all
 

@@ -7,10 +7,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sprl_bench.envs.grid.compiled import inline, kernel
+from sprl_bench.envs.compiled import inline, kernel
 from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, KEY, LOCKED, OPEN, UP, WALL
-
-__all__ = ["NOWHERE", "Cells", "Integers", "State", "checked_maps", "parse", "read_state", "same_walls"]
 
 Cells = NDArray[np.uint8]
 Integers = NDArray[np.int64]

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from sprl_bench.envs.grid.compiled import inline, kernel
+from sprl_bench.envs.compiled import inline, kernel
 from sprl_bench.envs.grid.encoding import (
     CLOSED,
     DONE,
@@ -29,8 +29,6 @@ from sprl_bench.envs.grid.encoding import (
     WALL,
 )
 from sprl_bench.solver.maps import NOWHERE, Cells, Integers, read_state, same_walls
-
-__all__ = ["UNLIMITED", "distances_all", "num_codes", "path_of", "solve_all"]
 
 UNLIMITED: Final = 2**40
 _ANY_GOAL: Final = -1  # instead of a target: every state with the agent on the goal

@@ -7,8 +7,8 @@ finished is skipped, what was interrupted goes on, what failed is tried again, a
 from __future__ import annotations
 
 from sprl_bench.suite.devices import require_device
-from sprl_bench.suite.specs import expand
+from sprl_bench.suite.execute import Observer, Outcome, run_suite
+from sprl_bench.suite.plan import expand
 from sprl_bench.suite.states import RunState, state_of, survey
-from sprl_bench.suite.work import Observer, Outcome, run_suite
 
 __all__ = ["Observer", "Outcome", "RunState", "expand", "require_device", "run_suite", "state_of", "survey"]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib.util
 import re
 
-__all__ = ["require_device", "resolve_device"]
-
 
 def resolve_device(device: str) -> str:
     """Return the device that is meant: "auto" is a GPU if there is one here.

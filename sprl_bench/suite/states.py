@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from sprl_bench.recorder.folder import ERROR, METRICS, RECORD, SPEC, is_locked
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
-
-__all__ = ["RunState", "state_of", "survey"]
+from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, is_locked
 
 TAIL_BYTES: Final = 1 << 15
 

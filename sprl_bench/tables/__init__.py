@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
-from sprl_bench.tables.grid import GRID_FORMATS, Grid, as_json, draw, number
 from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
-from sprl_bench.tables.results import (
+from sprl_bench.tables.seed_results import (
     Hole,
     MissingRunsError,
     Result,
@@ -25,6 +24,7 @@ from sprl_bench.tables.table import (
     tabulate,
     tabulate_results,
 )
+from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
 __all__ = [
     "BOOTSTRAP_SEED",

@@ -12,10 +12,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 
 from sprl_bench.records import TaskSpec
-from sprl_bench.tables.results import Result
+from sprl_bench.tables.seed_results import Result
 from sprl_bench.tasks import SUITES, too_wide
-
-__all__ = ["SCORED_PACKAGES", "IncomparableError", "check_comparable", "version_differences"]
 
 SCORED_PACKAGES = (
     "gymnasium",

@@ -10,10 +10,8 @@ import io
 from collections.abc import Iterator, Sequence
 
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables.grid import DIGITS, GRID_FORMATS, Grid, as_json, draw, number
 from sprl_bench.tables.table import Cell, Estimate, Row, Table
-
-__all__ = ["DASH", "FORMATS", "PRIVILEGED", "interval_text", "render"]
+from sprl_bench.tables.text_table import DIGITS, GRID_FORMATS, Grid, as_json, draw, number
 
 FORMATS = (*GRID_FORMATS, "csv", "json")
 

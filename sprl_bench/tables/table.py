@@ -10,11 +10,11 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 
 import numpy as np
 
-from sprl_bench import metrics
+from sprl_bench import scores
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.comparable import check_comparable
-from sprl_bench.tables.results import (
+from sprl_bench.tables.seed_results import (
     Hole,
     MissingRunsError,
     Result,
@@ -25,8 +25,6 @@ from sprl_bench.tables.results import (
     task_names,
 )
 
-__all__ = ["BOOTSTRAP_SEED", "Cell", "Estimate", "Row", "Table", "tabulate", "tabulate_results"]
-
 BOOTSTRAP_SEED = 20210706
 """Seeds the generator of every interval that we show."""
 REMEDY = "Allow missing runs (--allow-missing) to see what there is."
@@ -36,7 +34,7 @@ class Estimate(Data):
     """A number with its 95 % stratified-bootstrap interval; none with a single seed."""
 
     value: float
-    interval: metrics.Interval | None
+    interval: scores.Interval | None
     seeds: int
 
 
@@ -186,30 +184,30 @@ def tabulate_results(
 
 
 def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
-    scores: dict[str, dict[int, Scores]] = {task: {} for task in tasks}
+    by_task: dict[str, dict[int, Scores]] = {task: {} for task in tasks}
     for result in results:
-        scores[result.task.name][result.seed] = result.scores
-    seeds = tuple(sorted(set.intersection(*(set(of_task) for of_task in scores.values()))))
+        by_task[result.task.name][result.seed] = result.scores
+    seeds = tuple(sorted(set.intersection(*(set(of_task) for of_task in by_task.values()))))
     cells = [
         _cell(task, of_task, tuple(hole.seed for hole in holes if (hole.agent, hole.task) == (agent, task)))
-        for task, of_task in scores.items()
+        for task, of_task in by_task.items()
     ]
-    complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in scores.items()}
+    complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in by_task.items()}
     return Row(
         agent=agent,
         privileged=privileged,
         seeds=seeds,
         cells=tuple(cells),
         auc=estimate(complete, "auc"),
-        auc_iqm=estimate(complete, "auc", metrics.iqm),
+        auc_iqm=estimate(complete, "auc", scores.iqm),
         final=estimate(complete, "final"),
         success_auc=estimate(complete, "success_auc"),
         success_final=estimate(complete, "success_final"),
     )
 
 
-def _cell(task: str, scores: Mapping[int, Scores], missing: tuple[int, ...]) -> Cell:
-    column = {task: dict(sorted(scores.items()))}
+def _cell(task: str, by_seed: Mapping[int, Scores], missing: tuple[int, ...]) -> Cell:
+    column = {task: dict(sorted(by_seed.items()))}
     return Cell(
         task=task,
         seeds=tuple(column[task]),
@@ -222,27 +220,27 @@ def _cell(task: str, scores: Mapping[int, Scores], missing: tuple[int, ...]) -> 
     )
 
 
-def matrix(scores: Mapping[str, Mapping[int, Scores]], name: str) -> metrics.Array:
+def matrix(by_task: Mapping[str, Mapping[int, Scores]], name: str) -> scores.Array:
     """Return one score of every run: [S, T], seeds in ascending order, tasks in the given one."""
-    columns = [[getattr(of_task[seed], name) for seed in sorted(of_task)] for of_task in scores.values()]
+    columns = [[getattr(of_task[seed], name) for seed in sorted(of_task)] for of_task in by_task.values()]
     return np.asarray(columns, dtype=np.float64).T
 
 
 def estimate(
-    scores: Mapping[str, Mapping[int, Scores]], name: str, statistic: metrics.Statistic = metrics.mean
+    by_task: Mapping[str, Mapping[int, Scores]], name: str, statistic: scores.Statistic = scores.mean
 ) -> Estimate | None:
     """Return a statistic of one score with its interval, or None where there is no seed.
 
     Args:
-        scores: By task and seed, the same seeds for every task.
+        by_task: Scores by task and seed, the same seeds for every task.
         name: A field of `Scores`.
         statistic: From [..., S, T] to [...].
     """
-    values = matrix(scores, name)
+    values = matrix(by_task, name)
     if values.size == 0:
         return None
     return Estimate(
         value=float(statistic(values)),
-        interval=metrics.bootstrap_interval(values, statistic, np.random.default_rng(BOOTSTRAP_SEED)),
+        interval=scores.bootstrap_interval(values, statistic, np.random.default_rng(BOOTSTRAP_SEED)),
         seeds=values.shape[0],
     )

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["FRAME"]
-
 FRAME: Mapping[str, Any] = {"clip_range": 0.1, "rollout_length": 256}
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {

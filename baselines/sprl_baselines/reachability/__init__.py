@@ -7,8 +7,8 @@ may be trusted, `ground_truth.py` needs none of these (appendix B.2), and `pairs
 
 from __future__ import annotations
 
-from sprl_baselines.reachability.config import HorizonConfig, ReachabilityConfig
 from sprl_baselines.reachability.ground_truth import GroundTruth
+from sprl_baselines.reachability.hyperparameters import HorizonConfig, ReachabilityConfig
 from sprl_baselines.reachability.learned import LearnedReachability
 from sprl_baselines.reachability.pairs import Judge, Reachability, judge_pairs
 

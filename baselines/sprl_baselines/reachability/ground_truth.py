@@ -13,12 +13,10 @@ import torch
 from gymnasium import Space
 from torch import Tensor
 
-from sprl_baselines.grids import SQUARE_GRID, grid_shape
+from sprl_baselines.learning.grids import SQUARE_GRID, grid_shape
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.reachability.pairs import Judge
-from sprl_baselines.rollout import Rollout
 from sprl_bench import solver
-
-__all__ = ["GroundTruth"]
 
 
 class GroundTruth:

@@ -11,15 +11,13 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.reachability.config import ReachabilityConfig
+from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.training_state import restore, saved
+from sprl_baselines.reachability.hyperparameters import ReachabilityConfig
 from sprl_baselines.reachability.network import reachability_network
 from sprl_baselines.reachability.pairs import Judge, judge_pairs
 from sprl_baselines.reachability.replay import Replay
 from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scatter, training_ranges, walk
-from sprl_baselines.rollout import Rollout
-from sprl_baselines.training_state import restore, saved
-
-__all__ = ["LearnedReachability"]
 
 
 class LearnedReachability:

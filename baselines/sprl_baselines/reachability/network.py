@@ -14,10 +14,16 @@ import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
 
-from sprl_baselines.grids import GRIDS, grid_shape
-from sprl_baselines.networks import CRELU_GAIN, RELU_GAIN, VALUE_GAIN, CReLU, ToFloat, grid_convolutions, linear
-
-__all__ = ["PAIR_INPUTS", "ReachabilityNetwork", "reachability_network"]
+from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.networks import (
+    CRELU_GAIN,
+    RELU_GAIN,
+    VALUE_GAIN,
+    CReLU,
+    ToFloat,
+    grid_convolutions,
+    linear,
+)
 
 PAIR_INPUTS = ("pair", "difference")
 

@@ -7,10 +7,8 @@ from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
-from sprl_baselines.distinct import distinct
-from sprl_baselines.rollout import Rollout
-
-__all__ = ["Judge", "Reachability", "judge_pairs"]
+from sprl_baselines.learning.distinct import distinct
+from sprl_baselines.learning.rollout import Rollout
 
 Judge = Callable[[Tensor, Tensor], Tensor]
 """Takes indices `[P]` of earlier and of later states; returns how likely one leads to the other, `[P]` in [0, 1]."""

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-__all__ = ["Replay", "Segments"]
-
 
 class Segments(NamedTuple):
     """S stretches of successive states without an ending or a reward between them, as places in a replay."""

@@ -12,8 +12,6 @@ from torch import Tensor
 
 from sprl_baselines.reachability.replay import Segments
 
-__all__ = ["NEGATIVES", "NEXT_ANCHORS", "Ranges", "Triplets", "accuracy_ranges", "scatter", "training_ranges", "walk"]
-
 
 class Triplets(NamedTuple):
     """P triplets of places in a replay, each `[P]` int64."""

@@ -30,8 +30,6 @@ except ImportError as error:  # a MuJoCo before 3.17
         "gymnasium.make_vec(..., vectorization_mode='sync') works without."
     ) from error
 
-__all__ = ["BatchedSimulation"]
-
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 

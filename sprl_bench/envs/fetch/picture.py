@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.fetch.simulation import STATE
 
-__all__ = ["Picture"]
-
 _SIZE: Final = 480
 _GOAL_MARK: Final = "target0"
 

@@ -10,17 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from sprl_bench.envs.arguments import check_choice, check_integer
-
-__all__ = [
-    "ACTION_SPACE",
-    "ARGUMENTS",
-    "ELSEWHERE",
-    "REFERENCE_SUBSTEP",
-    "Rules",
-    "check_interface",
-    "checked_actions",
-]
+from sprl_bench.envs.checks import check_choice, check_integer
 
 Actions = NDArray[np.float32]
 

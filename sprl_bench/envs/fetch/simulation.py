@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from sprl_bench.envs.fetch.rules import REFERENCE_SUBSTEP
 from sprl_bench.envs.fetch.upstream import joint_utils
 
-__all__ = ["DIVERGENCE", "STATE", "WELDED_BODY", "Simulation", "new_simulation"]
-
 Observation = dict[str, NDArray[np.float64]]
 Row = NDArray[np.float64]
 

@@ -17,8 +17,6 @@ from typing import Any
 import mujoco
 from gymnasium_robotics.utils import mujoco_utils
 
-__all__ = ["is_broken", "joint_utils"]
-
 _ONE_HINGE = "<mujoco><worldbody><body><joint name='hinge'/><geom size='1'/></body></worldbody></mujoco>"
 
 

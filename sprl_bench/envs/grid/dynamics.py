@@ -17,8 +17,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sprl_bench.envs.compiled import inline, kernel
 from sprl_bench.envs.grid import layouts
-from sprl_bench.envs.grid.compiled import inline, kernel
 from sprl_bench.envs.grid.encoding import (
     AGENT,
     CLOSED,
@@ -54,9 +54,7 @@ from sprl_bench.envs.grid.layouts import (
     four_rooms_layout,
     key_doors_layout,
 )
-from sprl_bench.envs.grid.streams import next_double
-
-__all__ = ["advance", "first_invalid", "restart_four_rooms", "restart_key_doors"]
+from sprl_bench.envs.streams import next_double
 
 Cells = NDArray[np.uint8]
 Integers = NDArray[np.int64]

@@ -7,12 +7,6 @@ from __future__ import annotations
 
 from typing import Final
 
-__all__ = [
-    "AGENT", "CLOSED", "DONE", "DOOR", "DOWN", "DROP", "EMPTY", "FORWARD", "GOAL", "GREEN",
-    "GREY", "HORIZON", "KEY", "LEFT", "LOCKED", "NUM_ACTIONS", "OPEN", "PICKUP", "RED", "RIGHT", "TOGGLE",
-    "TURN_LEFT", "TURN_RIGHT", "UP", "WALL", "YELLOW",
-]  # fmt: skip
-
 # Channel 0: the type of the cell's object.
 EMPTY: Final = 1
 WALL: Final = 2

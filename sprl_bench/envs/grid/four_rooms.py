@@ -7,10 +7,8 @@ from typing import ClassVar
 from minigrid.core.grid import Grid
 from minigrid.core.world_object import Goal
 
-from sprl_bench.envs.grid.env import GridEnv
+from sprl_bench.envs.grid.grid_env import GridEnv
 from sprl_bench.envs.grid.layouts import FOUR_ROOMS_DRAWS, four_rooms_layout
-
-__all__ = ["FourRooms", "FourRooms7x7", "FourRooms11x11"]
 
 
 class FourRooms(GridEnv):

@@ -7,10 +7,8 @@ from typing import ClassVar
 from minigrid.core.grid import Grid
 from minigrid.core.world_object import Door, Goal, Key
 
-from sprl_bench.envs.grid.env import GridEnv
+from sprl_bench.envs.grid.grid_env import GridEnv
 from sprl_bench.envs.grid.layouts import KEY_DOORS_DRAWS, key_doors_layout
-
-__all__ = ["KeyDoors", "KeyDoors7x7", "KeyDoors11x11"]
 
 
 class KeyDoors(GridEnv):

@@ -13,17 +13,6 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "FOUR_ROOMS_DRAWS",
-    "KEY_DOORS_DRAWS",
-    "FourRoomsLayout",
-    "KeyDoorsLayout",
-    "four_rooms_layout",
-    "key_doors_layout",
-    "pick",
-    "pick_two",
-]
-
 FOUR_ROOMS_DRAWS: Final = 7
 KEY_DOORS_DRAWS: Final = 6
 

@@ -1,0 +1,1 @@
+"""Fast CPU forms of what `learning` computes; each equals its plain form."""

@@ -1,0 +1,1 @@
+"""What every agent learns with: rollouts, returns, distributions, networks, hyperparameters."""

@@ -1,0 +1,90 @@
+"""Rewards divided by the running standard deviation of their discounted sum (appendix G.3).
+
+The sum runs forward through each episode, as in Burda et al. (2018): at a step it holds that step's reward and all
+earlier ones of the episode, each discounted by its age. Nothing is subtracted, so a reward keeps its sign and zero
+stays zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+
+class RunningVariance:
+    """The population variance of all values seen so far, updated batch by batch (Chan et al. 1983)."""
+
+    def __init__(self) -> None:
+        self.count, self.mean, self._squares = 0, 0.0, 0.0  # `_squares`: summed squared distances from the mean
+
+    def update(self, values: Tensor) -> None:
+        """Take in more values, of any shape."""
+        values = values.double()
+        count, mean = values.numel(), float(values.mean())
+        total, distance = self.count + count, mean - self.mean
+        self._squares += float((values - mean).square().sum()) + distance**2 * self.count * count / total
+        self.mean += distance * count / total
+        self.count = total
+
+    @property
+    def variance(self) -> float:
+        """Of all values so far; 0 before the first."""
+        return self._squares / max(self.count, 1)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the three numbers."""
+        return {"count": self.count, "mean": self.mean, "squares": self._squares}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such numbers."""
+        self.count, self.mean, self._squares = int(state["count"]), float(state["mean"]), float(state["squares"])
+
+
+class RewardNormalizer:
+    """Scales rewards to discounted sums of unit deviation.
+
+    Args:
+        num_envs: Sub-envs N, each with its own open sum.
+        gamma: Discount per env step.
+        device: Where the rewards are.
+    """
+
+    def __init__(self, num_envs: int, gamma: float, device: torch.device) -> None:
+        self._gamma = gamma
+        self._sums = torch.zeros(num_envs, dtype=torch.float64, device=device)
+        self._moments = RunningVariance()
+
+    @property
+    def deviation(self) -> float:
+        """What rewards are divided by: 1 until some reward differed from another."""
+        return self._moments.variance**0.5 or 1.0
+
+    def __call__(self, rewards: Tensor, ended: Tensor) -> Tensor:
+        """Take in a rollout's rewards, then return them scaled by all that was seen, these included.
+
+        Args:
+            rewards: `[T, N]`.
+            ended: Whether an episode ended with this step, `[T, N]` bool; the next step's sum begins anew.
+        """
+        self._moments.update(self._discounted_sums(rewards.double(), ended))
+        return rewards / self.deviation
+
+    def _discounted_sums(self, rewards: Tensor, ended: Tensor) -> Tensor:
+        """Each step's sum of rewards so far in its episode, `[T, N]`."""
+        sums = torch.empty_like(rewards)
+        for step, reward in enumerate(rewards):
+            sums[step] = self._gamma * self._sums + reward
+            self._sums = sums[step].masked_fill(ended[step], 0.0)
+        return sums
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the open sums and the moments."""
+        return {"sums": self._sums.clone(), "moments": self._moments.state_dict()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take such a state."""
+        self._sums = state["sums"].to(self._sums.device)
+        self._moments.load_state_dict(state["moments"])

@@ -1,0 +1,225 @@
+"""The policy and value networks, one per kind of observation: the grid's CNN (appendix D.3) and the MLP (G.4).
+
+All parameters are drawn from the generator that is passed in; torch's global random state is never touched.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import sqrt
+from typing import Any, Protocol
+
+import torch
+from gymnasium import spaces
+from torch import Tensor, nn
+from torch.nn import functional
+from torch.nn.utils import skip_init
+
+from sprl_baselines.kernels.convolutions import CReLUConvolutions
+from sprl_baselines.learning.distributions import Categorical, DiagonalGaussian, Distribution
+from sprl_baselines.learning.grids import GRIDS, grid_shape
+
+# The largest type, colour and state (or direction) that a grid cell can hold.
+LARGEST_CODES = (10, 5, 3)
+POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
+# The published code has sqrt(2) before its plain rectifiers. Before concatenated ones, which give twice the features,
+# Table 1's larger learning rate ends exploration in the first updates with it, but not with 1 (docs/grid-network.md).
+RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
+
+
+class Head(Protocol):
+    """Turns features `[B, F]` into a distribution over actions."""
+
+    def __call__(self, features: Tensor) -> Distribution:
+        """One distribution for each row."""
+
+
+class ActorCritic(nn.Module):
+    """A policy and a value function of the same observation.
+
+    `value_trunk` may be the same module as `policy_trunk`: it then runs, and is stored, once.
+    """
+
+    def __init__(self, policy_trunk: nn.Module, value_trunk: nn.Module, head: Head, value: nn.Module) -> None:
+        super().__init__()
+        self.policy_trunk = policy_trunk
+        self.head = head
+        self.value = value
+        self.shared = value_trunk is policy_trunk
+        if not self.shared:
+            self.value_trunk = value_trunk
+
+    def forward(self, observations: Tensor) -> tuple[Distribution, Tensor]:
+        """The action distribution for each of B observations, and their values `[B]`."""
+        features = self.policy_trunk(observations)
+        value_features = features if self.shared else self.value_trunk(observations)
+        return self.head(features), self.value(value_features).squeeze(-1)
+
+    def values(self, observations: Tensor) -> Tensor:
+        """The values alone, `[B]`."""
+        trunk = self.policy_trunk if self.shared else self.value_trunk
+        values: Tensor = self.value(trunk(observations)).squeeze(-1)
+        return values
+
+
+def actor_critic(
+    observation_space: spaces.Space[Any],
+    action_space: spaces.Space[Any],
+    generator: torch.Generator,
+    *,
+    grid_encoding: str = "scaled",
+    mlp_layers: int = 4,
+    mlp_units: int = 256,
+) -> ActorCritic:
+    """The network for these spaces (of one sub-environment).
+
+    Args:
+        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
+            flat `Box`.
+        action_space: `Discrete`, or a flat `Box`.
+        generator: source of the initial parameters, on the CPU.
+        grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
+        mlp_layers: hidden layers of the MLP for flat observations.
+        mlp_units: width of each.
+
+    Raises:
+        ValueError: if there is no network for such spaces.
+    """
+    if grid := grid_shape(observation_space):
+        policy_trunk = value_trunk = grid_trunk(*grid, grid_encoding, generator)
+        features = 2 * GRID_UNITS
+    elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
+        sizes = observation_space.shape[0], mlp_layers, mlp_units
+        policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
+        features = mlp_units
+    else:
+        raise ValueError(f"No network for observations in {observation_space}: need {GRIDS} or a flat Box.")
+    head = policy_head(features, action_space, generator)
+    return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
+
+
+def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
+    """A linear layer with orthogonal weights and zero bias."""
+    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)  # type: ignore[no-untyped-call] # torch has no types there
+    nn.init.orthogonal_(layer.weight, gain, generator)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+# ---------------------------------------------------------------------------------------------- heads
+
+
+class CategoricalHead(nn.Module):
+    """Logits for discrete actions."""
+
+    def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.logits = linear(features, actions, POLICY_GAIN, generator)
+
+    def forward(self, features: Tensor) -> Distribution:
+        """A categorical distribution for each row."""
+        return Categorical.from_logits(self.logits(features))
+
+
+class GaussianHead(nn.Module):
+    """A mean for continuous actions, and a standard deviation that does not depend on the state, at first 1."""
+
+    def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.mean = linear(features, actions, POLICY_GAIN, generator)
+        self.log_std = nn.Parameter(torch.zeros(actions))
+
+    def forward(self, features: Tensor) -> Distribution:
+        """A diagonal Gaussian for each row."""
+        return DiagonalGaussian(self.mean(features), self.log_std)
+
+
+def policy_head(features: int, action_space: spaces.Space[Any], generator: torch.Generator) -> Head:
+    """The head for this action space."""
+    match action_space:
+        case spaces.Discrete(n=count, start=0):
+            return CategoricalHead(features, int(count), generator)
+        case spaces.Box(shape=(size,)):
+            return GaussianHead(features, size, generator)
+        case _:
+            raise ValueError(f"No policy for actions in {action_space}: need Discrete (from 0) or a flat Box.")
+
+
+# --------------------------------------------------------------------------------------------- trunks
+
+GRID_CHANNELS = (16, 8, 8)
+GRID_UNITS = 512
+
+
+def grid_trunk(height: int, width: int, frames: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
+    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
+    convolutions, features = grid_convolutions(height, width, frames, encoding, generator)
+    return nn.Sequential(*convolutions, linear(features, GRID_UNITS, CRELU_GAIN, generator), CReLU())
+
+
+class CReLU(nn.Module):
+    """Both rectified signs of every unit (Shang et al. 2016): one of the two always has a gradient."""
+
+    def forward(self, responses: Tensor) -> Tensor:
+        """`[B, F]` -> `[B, 2 F]`."""
+        return functional.relu(torch.cat((responses, -responses), dim=1), inplace=True)
+
+
+def grid_convolutions(
+    height: int, width: int, frames: int, encoding: str, generator: torch.Generator
+) -> tuple[list[nn.Module], int]:
+    """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
+    cells = GRID_ENCODINGS[encoding](frames)
+    convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, CRELU_GAIN, generator)
+    return [cells, convolutions], height * width * 2 * GRID_CHANNELS[-1]
+
+
+def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) -> nn.Sequential:
+    """The MLP of appendix G.4, `[B, inputs]` of any number type -> `[B, units]`."""
+    sizes = [inputs] + [units] * layers
+    hidden = [
+        module
+        for fan_in, fan_out in pairwise(sizes)
+        for module in (linear(fan_in, fan_out, RELU_GAIN, generator), nn.ReLU(inplace=True))
+    ]
+    return nn.Sequential(ToFloat(), *hidden)
+
+
+class ToFloat(nn.Module):
+    """Casts observations to single precision."""
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """`[B, D]` -> `[B, D]` float32."""
+        return observations.float()
+
+
+class ScaledCells(nn.Module):
+    """Grid cells with each of type, colour and state divided by its largest value; of several frames, one by one."""
+
+    def __init__(self, frames: int = 1) -> None:
+        super().__init__()
+        self.channels = len(LARGEST_CODES) * frames
+        self.scale: Tensor
+        self.register_buffer("scale", 1 / torch.tensor(LARGEST_CODES * frames), persistent=False)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """`[B, H, W, 3 F]` uint8 -> `[B, 3 F, H, W]` float32, in channels-last memory."""
+        return (cells * self.scale).permute(0, 3, 1, 2)
+
+
+class OneHotCells(nn.Module):
+    """Grid cells with each of type, colour and state as indicators; of several frames, one by one."""
+
+    def __init__(self, frames: int = 1) -> None:
+        super().__init__()
+        self.largest_codes = LARGEST_CODES * frames
+        self.channels = sum(self.largest_codes) + len(self.largest_codes)
+
+    def forward(self, cells: Tensor) -> Tensor:
+        """`[B, H, W, 3 F]` uint8 -> `[B, 21 F, H, W]` float32, in channels-last memory."""
+        codes = cells.long().unbind(-1)
+        hot = [functional.one_hot(code, top + 1) for code, top in zip(codes, self.largest_codes, strict=True)]
+        return torch.cat(hot, dim=-1).float().permute(0, 3, 1, 2)
+
+
+GRID_ENCODINGS: dict[str, type[ScaledCells] | type[OneHotCells]] = {"scaled": ScaledCells, "one-hot": OneHotCells}

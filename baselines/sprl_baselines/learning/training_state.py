@@ -1,0 +1,34 @@
+"""What training a network depends on, as one plain state: parameters, optimizer moments and a generator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import nn
+from torch.optim import Optimizer
+
+
+def saved(network: nn.Module, optimizer: Optimizer, generator: torch.Generator) -> dict[str, Any]:
+    """Return the state of all three, copied."""
+    moments = optimizer.state_dict()["state"]
+    return {
+        "network": {name: value.clone() for name, value in network.state_dict().items()},
+        "optimizer": {
+            str(index): {name: value.clone() for name, value in moment.items()} for index, moment in moments.items()
+        },
+        "generator": generator.get_state(),
+    }
+
+
+def restore(network: nn.Module, optimizer: Optimizer, generator: torch.Generator, state: Mapping[str, Any]) -> None:
+    """Put all three back into such a state; the optimizer keeps its own settings."""
+    network.load_state_dict(state["network"])
+    groups = optimizer.state_dict()["param_groups"]
+    moments = {
+        int(index): {name: value.clone() for name, value in moment.items()}  # Adam would go on in the state's own
+        for index, moment in state["optimizer"].items()
+    }
+    optimizer.load_state_dict({"state": moments, "param_groups": groups})
+    generator.set_state(state["generator"].cpu())

@@ -1,0 +1,66 @@
+"""Hyperparameters of reachability; those of the grids are the defaults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
+from sprl_baselines.learning.networks import GRID_ENCODINGS
+from sprl_baselines.reachability.network import PAIR_INPUTS
+from sprl_baselines.reachability.triplets import NEGATIVES, NEXT_ANCHORS
+
+Whole = Annotated[int, Range(0)]
+
+
+@dataclass(frozen=True)
+class HorizonConfig(Config):
+    """How far reachability looks."""
+
+    k: Count = 2  # steps within which a state counts as reached (Table 1)
+    tolerance: Count = 1  # further steps that are let pass (Table 1)
+
+
+@dataclass(frozen=True)
+class ReachabilityConfig(HorizonConfig):
+    """The network, what it learns from, and when."""
+
+    positive_bias: Count = 5  # the next anchor lies up to so many steps after the positive (Table 1)
+    # from where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
+    next_anchor: Annotated[str, Choice(*NEXT_ANCHORS)] = "positive"
+    negative_bias: Whole = 20  # negatives lie at least k and so many steps after their anchor (Table 1)
+    # how far they may lie: to the end of the "episode" (Algorithm 1); in a "narrow" band of a tenth (published code);
+    # or from k + tolerance and once to "double" the bias (appendix B.1)
+    negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"
+    replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
+    train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
+    later_from: Whole = 0  # env steps after which `train_every_later` holds; 0 for never
+    train_every_later: Count = 12_000  # env steps between two trainings from then on
+    last_from: Whole = 0  # env steps after which `train_every_last` holds; 0 for never
+    train_every_last: Count = 36_000  # env steps between two trainings from then on
+    max_pairs: Count = 8_000  # pairs in a training at most
+    pair_batch: Annotated[int, Range(4)] = 128  # pairs in a gradient step, half of them positive
+    reachability_learning_rate: Positive = 0.0003  # Adam's step size
+    weight_decay: Weight = 0.0  # pull of all weights, but not of biases and normalisation, towards 0 (appendix F.3)
+    label_smoothing: Share = 0.0  # targets are as far apart as 1 minus this (appendix F.3)
+    pair_input: Annotated[str, Choice(*PAIR_INPUTS)] = "pair"  # both states, or the later and the "difference" (F.4)
+    embedding_units: Count = 128  # of the layer that embeds a grid; its rectifier gives twice as many features
+    head_layers: Count = 2  # hidden layers over a pair
+    head_units: Count = 128  # width of each
+    reachability_grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"  # as the policy's `grid_encoding`
+    ready_trainings: Count = 20  # trainings whose mean accuracy decides whether the network may be trusted
+    ready_accuracy: Share = 0.75  # what that mean must exceed, once
+    accuracy_pairs: Count = 15_000  # positives, and as many negatives, that accuracy is measured on (appendix B.1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pair_batch > self.max_pairs:
+            raise ValueError(
+                f"Hyperparameter pair_batch={self.pair_batch} must be at most max_pairs, {self.max_pairs}: "
+                f"a training takes whole batches."
+            )
+        if self.pair_input == "difference" and self.reachability_grid_encoding != "scaled":
+            raise ValueError(
+                f"Hyperparameter reachability_grid_encoding={self.reachability_grid_encoding!r} must be 'scaled' "
+                f"where pair_input is 'difference'."
+            )

@@ -1,0 +1,39 @@
+"""The command that tells what is installed, what works, and what would make a score incomparable."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+import typer
+
+from sprl_bench.doctor import BROKEN, INCOMPARABLE, UNKNOWN, Finding, examine
+from sprl_bench.extras import EXTRAS
+
+
+def doctor() -> None:
+    """Tell what is installed, what works, and what would make a score incomparable."""
+    findings = examine()
+    width = max(len(finding.subject) for finding in findings)
+    for finding in findings:
+        typer.echo(f"{finding.mark} {finding.subject.ljust(width)}  {finding.text}")
+    for line in _conclude(findings):
+        typer.echo(line)
+
+
+def _conclude(findings: list[Finding]) -> list[str]:
+    broken, wrong, open_questions = (
+        ", ".join(finding.subject for finding in findings if finding.mark == mark)
+        for mark in (BROKEN, INCOMPARABLE, UNKNOWN)
+    )
+    lines = []
+    if broken:
+        lines.append(f"Does not work here: {broken}.")
+    if wrong:
+        extras = ",".join(name for name in ("baselines", "fetch") if find_spec(EXTRAS[name].modules[0])) or "baselines"
+        lines.append(f"Scores from here may not compare with published ones: {wrong}.")
+        lines.append(f"Install the pinned versions with: pip install -c constraints.txt 'sprl-bench[{extras}]'")
+    if open_questions:
+        lines.append(f"Cannot tell for want of a pinned version (constraints.txt): {open_questions}.")
+    if not wrong and not open_questions:
+        lines.append("Scores from here compare with published ones.")
+    return lines

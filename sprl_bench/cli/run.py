@@ -1,0 +1,97 @@
+"""The command that trains agents on a suite."""
+
+# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sprl_bench.cli.options import find_modules_here, parse_seeds, parse_settings, split_names
+
+if TYPE_CHECKING:  # loaded when the command needs them
+    from sprl_bench.records import RunSpec
+    from sprl_bench.suite import Outcome
+
+
+def run(
+    suite: Annotated[str, typer.Option(help="The suite; see: sprl-bench list suites.")],
+    agents: Annotated[
+        str,
+        typer.Option(
+            "--agents",
+            "--agent",
+            help="Agents, with commas between; your own is package.module:factory; "
+            "sprl@ablation is sprl by its preset ablation.",
+        ),
+    ],
+    seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
+    out: Annotated[Path, typer.Option(help="The folder of all runs.")] = Path("runs"),
+    task: Annotated[
+        list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")
+    ] = None,
+    budget: Annotated[int | None, typer.Option(min=1, help="Environment steps, instead of each task's own.")] = None,
+    setting: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A hyperparameter; may be given several times."),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
+    executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
+    device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+) -> int:
+    """Train agents on a suite; the same command again goes on where it stopped."""
+    from sprl_bench.executors import make_executor
+    from sprl_bench.progress import make_observer
+    from sprl_bench.suite import expand, require_device, run_suite
+    from sprl_bench.tasks import find_suite
+
+    names = split_names(agents, "agents")
+    if any(":" in name for name in names):
+        find_modules_here()
+    specs = expand(
+        find_suite(suite),
+        names,
+        parse_seeds(seeds),
+        tasks=task or None,
+        budget=budget,
+        overrides=parse_settings(setting or ()),
+        device=device,
+    )
+    works = make_executor(executor, workers)
+    if executor == "local":  # a cluster's own nodes may have what this machine lacks
+        require_device(device)
+    outcomes = run_suite(specs, out, executor=works, observer=make_observer())
+    return _report(specs, outcomes, out)
+
+
+def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) -> int:
+    """Show the table of these runs, where they lie, and what to type next; return the exit status."""
+    from sprl_bench.cli.table import print_tables
+    from sprl_bench.records import RunRecord, read
+
+    there = [path for spec in specs if (path := spec.path(out) / "record.json").exists()]
+    records = [read(path, RunRecord) for path in there]
+    complete = any(record.status == "complete" for record in records)
+    if complete:
+        typer.echo()
+        print_tables(records, planned=specs)
+    failed = [outcome for outcome in outcomes if outcome.status == "failed"]
+    for outcome in failed:
+        print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)
+    if complete:
+        for suite in sorted({spec.suite for spec in specs}):
+            typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
+        typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
+        typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
+    if failed:
+        print(
+            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; error.txt in their folders tells more, and "
+            "the same command tries them again.",
+            file=sys.stderr,
+        )
+    return 1 if failed else 0

@@ -1,0 +1,62 @@
+"""The command that prints tables."""
+
+# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import typer
+
+from sprl_bench.cli.options import (
+    Agents,
+    AllowMissing,
+    Format,
+    Output,
+    Runs,
+    Tasks,
+    choose_format,
+    deliver,
+    planned_runs,
+    terminal_width,
+)
+
+if TYPE_CHECKING:  # loaded when a command needs them
+    from sprl_bench.records import RunRecord, RunSpec
+
+
+def table(
+    runs: Runs,
+    form: Format = None,
+    output: Output = None,
+    task: Tasks = None,
+    agent: Agents = None,
+    allow_missing: AllowMissing = False,
+) -> None:
+    """Show each agent's mean AUC with its interval, one table a suite."""
+    from sprl_bench.records import find_records
+    from sprl_bench.tables import FORMATS, render, tabulate
+
+    form = choose_format(form, output, FORMATS)
+    made = tabulate(
+        find_records(runs),
+        tasks=task or None,
+        agents=agent or None,
+        planned=planned_runs(runs),
+        allow_missing=allow_missing,
+    )
+    deliver(render(made, form, width=terminal_width(output)), output)
+
+
+def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
+    """Print the tables of the planned runs' records; whatever is missing or keeps them apart is said."""
+    from sprl_bench.tables import IncomparableError, render, tabulate
+
+    tasks = sorted({spec.task.name for spec in planned})
+    try:
+        made = tabulate(records, tasks=tasks, planned=planned, allow_missing=True)
+    except IncomparableError as error:
+        typer.echo(f"No table: {error}", err=True)
+        return
+    deliver(render(made, "rich", width=terminal_width(None)), None)

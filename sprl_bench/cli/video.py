@@ -1,0 +1,81 @@
+"""The command that films."""
+
+# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from sprl_bench.cli.options import find_modules_here, parse_settings
+
+if TYPE_CHECKING:  # loaded when a command needs them
+    from sprl_bench.tasks import Argument
+    from sprl_bench.video import Episode
+
+
+def video(
+    env_id: Annotated[str, typer.Argument(metavar="ID", help="The environment; see: sprl-bench list envs.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="A .mp4 or .gif file.")],
+    argument: Annotated[
+        list[str] | None,
+        typer.Option("--arg", metavar="KEY=VALUE", help="Of the environment; may be given several times."),
+    ] = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(help="random (the default), still, solver on grids, or your own as package.module:function."),
+    ] = None,
+    run: Annotated[
+        Path | None, typer.Option("--run", help="A run, or a folder with runs: what its agent has learned acts.")
+    ] = None,
+    agent: Annotated[
+        str | None,
+        typer.Option(
+            help="Whose run, where the folder holds several agents'; your own agents must be named, as "
+            "package.module:factory."
+        ),
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="How many, one after the other.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the environment and of the random policy.")] = 0,
+) -> None:
+    """Film episodes of an environment under a policy, or under what an agent has learned in a run."""
+    from sprl_bench.video import record_video
+
+    if ":" in (policy or "") or ":" in (agent or ""):
+        find_modules_here()
+    filmed = record_video(
+        env_id,
+        output,
+        policy=_choose_actor(env_id, policy, run, agent),
+        agent=agent,
+        arguments=cast("Mapping[str, Argument]", parse_settings(argument or (), option="--arg")),
+        episodes=episodes,
+        seed=seed,
+    )
+    for line in _describe(filmed):
+        typer.echo(line)
+    typer.echo(f"Wrote {output}.", err=True)
+
+
+def _choose_actor(env_id: str, policy: str | None, run: Path | None, agent: str | None) -> str:
+    """Return the name of the policy, or the folder of the run."""
+    from sprl_bench.policies import find_run
+
+    if run is None:
+        if agent is not None:
+            raise ValueError(f"agent is {agent!r}; name the folder of its run with --run.")
+        return policy or "random"
+    if policy is not None:
+        raise ValueError(f"policy is {policy!r} and run is {str(run)!r}; give one of them.")
+    return str(find_run(run, env_id.rpartition(":")[2], agent))
+
+
+def _describe(episodes: Iterable[Episode]) -> list[str]:
+    return [
+        f"episode {number}: {episode.steps} steps, return {episode.total_reward:g}, "
+        f"{'success' if episode.is_success else 'no success'}"
+        for number, episode in enumerate(episodes, start=1)
+    ]

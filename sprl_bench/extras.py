@@ -1,0 +1,58 @@
+"""The optional extras: what each is for, which modules it brings, and how to install it."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Extra:
+    """One optional extra of the package.
+
+    Attributes:
+        modules: What it installs, the module that tells whether it is there first.
+        purpose: What needs it.
+    """
+
+    modules: tuple[str, ...]
+    purpose: str
+
+
+EXTRAS: Mapping[str, Extra] = MappingProxyType(
+    {
+        "baselines": Extra(("torch",), "the reference agents, except the random one"),
+        "fetch": Extra(("gymnasium_robotics", "mujoco"), "the Fetch environments"),
+        "plots": Extra(("matplotlib",), "sprl-bench plot"),
+        "ray": Extra(("ray",), "--executor ray"),
+        "slurm": Extra(("submitit",), "--executor slurm"),
+        "video": Extra(("imageio_ffmpeg", "imageio"), "sprl-bench video"),
+    }
+)
+
+
+def extra_of(module: str) -> str | None:
+    """Return the name of the extra that installs a module, or None if no extra does."""
+    return next((name for name, extra in EXTRAS.items() if module in extra.modules), None)
+
+
+def advice(extra: str) -> str:
+    """Return the command that installs an extra."""
+    return f"pip install 'sprl-bench[{extra}]'"
+
+
+def require_extra(module: str) -> Any:
+    """Import a module of an extra.
+
+    Raises:
+        ModuleNotFoundError: It is not installed; the message says how to install it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            f"{module} is not installed; install it with: {advice(extra_of(module) or module)}", name=module
+        ) from None

@@ -1,0 +1,293 @@
+"""A new method's runs against the entries of a board: the difference of mean AUC, paired by task."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sprl_bench import scores
+from sprl_bench.leaderboard.entries import Entry, is_telling
+from sprl_bench.records import Data, RunRecord, RunSpec, Scores
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import (
+    BOOTSTRAP_SEED,
+    GRID_FORMATS,
+    PRIVILEGED,
+    Grid,
+    MissingRunsError,
+    Result,
+    as_json,
+    check_comparable,
+    describe_holes,
+    draw,
+    find_holes,
+    interval_text,
+    matrix,
+    number,
+)
+
+COMPARISON_FORMATS = (*GRID_FORMATS, "json")
+SINGLE = "A single seed has no interval (-)."
+Columns = Mapping[str, Mapping[int, Scores]]
+
+
+class Difference(Data):
+    """The AUC of the runs, of the entry, and the first minus the second with its 95 % interval: means, or IQMs."""
+
+    task: str
+    runs: float
+    entry: float
+    difference: float
+    interval: scores.Interval | None
+
+
+class Comparison(Data):
+    """One agent's runs against one entry."""
+
+    suite: str
+    suite_version: int
+    agent: str
+    privileged: bool
+    seeds: int
+    entry: str
+    entry_privileged: bool
+    entry_seeds: int
+    tasks: tuple[Difference, ...]
+    overall: Difference
+    overall_iqm: Difference
+    notes: tuple[str, ...]
+
+
+def compare(
+    records: Iterable[RunRecord],
+    entries: Sequence[Entry],
+    *,
+    agent: str | None = None,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+) -> list[Comparison]:
+    """Compare runs with the entries of one board.
+
+    The tasks compared are those that the agent has runs of; its seeds must be the same on all of them. The two sides'
+    seeds are resampled independently, within each task.
+
+    Args:
+        records: Finished runs; incomplete ones count as missing.
+        entries: Of one suite.
+        agent: Whose runs to compare, or None for every agent's.
+        tasks: The tasks to compare, or None for all that the agent has runs of.
+        planned: Runs that were asked for: those without a record count as missing.
+
+    Raises:
+        MissingRunsError: Runs are missing.
+        IncomparableError: The two sides differ in environment, budget, fingerprint or the suite's version.
+        ValueError: There is no such agent or task, or nothing to compare.
+    """
+    if not entries:
+        raise ValueError("There is no entry to compare with.")
+    suite = entries[0].suite
+    mine = [record for record in records if record.spec.suite == suite]
+    complete = [Result.of(record) for record in mine if record.status == "complete"]
+    names = sorted({result.agent for result in complete})
+    if not names:
+        raise ValueError(f"There is no finished run of suite {suite!r} to compare.")
+    if agent is not None and agent not in names:
+        raise ValueError(unknown("agent among these runs:", agent, names))
+    for task in tasks or ():
+        if task not in (allowed := [part.task.name for part in entries[0].tasks]):
+            raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
+    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in mine)]
+    return [
+        _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
+        for name in names
+        if agent in (None, name)
+        for results in [[result for result in complete if result.agent == name]]
+        for entry in entries
+    ]
+
+
+def side_by_side(
+    entries: Sequence[Entry],
+    records: Iterable[RunRecord] = (),
+    *,
+    planned: Iterable[RunSpec] = (),
+    agents: Sequence[str] | None = None,
+) -> tuple[list[Result], list[RunSpec]]:
+    """Return the results of a board's entries and of finished runs of its suite, and all that was planned of these.
+
+    Runs of an agent that has an entry go by another name, "ppo of the runs".
+
+    Args:
+        entries: Of one suite.
+        records: Runs, of other suites too; incomplete ones count as missing.
+        planned: Runs that were asked for: those without a record count as missing.
+        agents: Whose results, of entries and runs alike, or None for all.
+
+    Raises:
+        ValueError: There is no entry, or no such agent.
+    """
+    if not entries:
+        raise ValueError("This board has no entry yet.")
+    suite, entered = entries[0].suite, {entry.agent for entry in entries}
+    own = [record for record in records if record.spec.suite == suite]
+    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in own)]
+    names = entered | {spec.agent for spec in wanted}
+    for agent in agents or ():
+        if agent not in names:
+            raise ValueError(unknown("agent among these entries and runs:", agent, names))
+    chosen = names if agents is None else set(agents)
+    named = {agent: f"{agent} of the runs" if agent in entered else agent for agent in names}
+    results = [Result.of(record) for record in own if record.status == "complete"]
+    return (
+        [
+            *(result for entry in entries for result in entry.results() if result.agent in chosen),
+            *(replace(result, agent=named[result.agent]) for result in results if result.agent in chosen),
+        ],
+        [spec.model_copy(update={"agent": named[spec.agent]}) for spec in wanted if spec.agent in chosen],
+    )
+
+
+def _compare(
+    results: Sequence[Result], entry: Entry, tasks: Sequence[str] | None, planned: Sequence[RunSpec]
+) -> Comparison:
+    theirs = entry.results()
+    asked_for = {result.task.name for result in results} | {spec.task.name for spec in planned}
+    names = [part.task.name for part in entry.tasks if part.task.name in (asked_for if tasks is None else tasks)]
+    ours = [result for result in results if result.task.name in names]
+    if not ours:
+        raise MissingRunsError(f"Agent {results[0].agent!r} has no finished run of a task of {entry.agent}'s entry.")
+    notes = _check_sides(ours, [result for result in theirs if result.task.name in names])
+    if holes := find_holes(ours, planned, names):
+        raise MissingRunsError(f"Suite {entry.suite!r}: {describe_holes(holes)}.")
+    columns, reference = _columns(ours, names), _columns(theirs, names)
+    if len(names) < len(entry.tasks):
+        notes = [f"{len(names)} of the suite's {len(entry.tasks)} tasks are compared: {', '.join(names)}.", *notes]
+    notes += _setting_notes(ours, theirs)
+    if shared := _shared_seeds(ours, theirs):
+        notes = [*notes, f"{entry.agent}'s entry holds these very runs: seeds {', '.join(map(str, shared))}."]
+    return Comparison(
+        suite=entry.suite,
+        suite_version=entry.suite_version,
+        agent=results[0].agent,
+        privileged=results[0].privileged,
+        seeds=len(columns[names[0]]),
+        entry=entry.agent,
+        entry_privileged=entry.privileged,
+        entry_seeds=len(reference[names[0]]),
+        tasks=tuple(_difference(name, {name: columns[name]}, {name: reference[name]}) for name in names),
+        overall=_difference("all", columns, reference),
+        overall_iqm=_difference("all", columns, reference, scores.iqm),
+        notes=tuple(notes),
+    )
+
+
+def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
+    """Check that two sides may be compared, though their agents may have the same name."""
+    return check_comparable(
+        [
+            *(replace(result, agent=f"{result.agent} of the runs") for result in ours),
+            *(replace(result, agent=f"{result.agent} of the board") for result in theirs),
+        ]
+    )
+
+
+def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
+    """Say where the two sides are one agent by its name, but not by its hyperparameters."""
+    entered = {result.task.name: result for result in theirs}
+    notes = []
+    for task, mine in {result.task.name: result for result in ours}.items():
+        if mine.agent != entered[task].agent:
+            continue
+        here, there = mine.hyperparameters, entered[task].hyperparameters
+        changed = sorted(name for name in here.keys() & there.keys() if here[name] != there[name])
+        one_sided = sorted(here.keys() ^ there.keys())
+        if changed:
+            notes.append(f"{mine.agent} has other hyperparameters than its entry on {task}: {', '.join(changed)}.")
+        if one_sided:
+            notes.append(f"{mine.agent} and its entry on {task} do not both have {', '.join(one_sided)}.")
+    return notes
+
+
+def _shared_seeds(ours: Sequence[Result], theirs: Sequence[Result]) -> list[int]:
+    """Return the seeds whose runs are the entry's own, which makes the two sides anything but independent."""
+    entered = {_signature(result) for result in theirs}
+    return sorted(
+        {mine.seed for mine in ours if is_telling(mine.task, mine.return_curve) and _signature(mine) in entered}
+    )
+
+
+def _signature(result: Result) -> tuple[Any, ...]:
+    return result.agent, result.task.name, result.seed, result.return_curve
+
+
+def _columns(results: Sequence[Result], tasks: Sequence[str]) -> Columns:
+    return {task: {result.seed: result.scores for result in results if result.task.name == task} for task in tasks}
+
+
+def _difference(task: str, ours: Columns, theirs: Columns, statistic: scores.Statistic = scores.mean) -> Difference:
+    auc, reference = matrix(ours, "auc"), matrix(theirs, "auc")
+    runs, entry = float(statistic(auc)), float(statistic(reference))
+    return Difference(
+        task=task,
+        runs=runs,
+        entry=entry,
+        difference=runs - entry,
+        interval=scores.difference_interval(auc, reference, np.random.default_rng(BOOTSTRAP_SEED), statistic=statistic),
+    )
+
+
+def render_comparisons(comparisons: Sequence[Comparison], form: str = "md", *, width: int | None = None) -> str:
+    """Return comparisons as text that ends in a newline.
+
+    Args:
+        comparisons: One a pair of agent and entry.
+        form: One of `COMPARISON_FORMATS`.
+        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+
+    Raises:
+        ValueError: There is no such format.
+    """
+    if form not in COMPARISON_FORMATS:
+        raise ValueError(unknown("format", form, COMPARISON_FORMATS))
+    if form == "json":
+        return as_json(comparisons)
+    agents = dict.fromkeys(comparison.agent for comparison in comparisons)
+    return draw([_grid([one for one in comparisons if one.agent == agent]) for agent in agents], form, width=width)
+
+
+def _grid(comparisons: Sequence[Comparison]) -> Grid:
+    """Return the grid of one agent: a row an entry."""
+    first = comparisons[0]
+    marked = first.privileged or any(one.entry_privileged for one in comparisons)
+    return Grid(
+        title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seed{'s' * (first.seeds > 1)}, mean AUC "
+        f"{number(first.overall.runs)}) minus each entry of suite {first.suite}, version {first.suite_version}",
+        header=["Entry", "Seeds", "Its AUC", *(difference.task for difference in first.tasks), "Mean AUC", "IQM"],
+        rows=[
+            [
+                _marked(one.entry, one.entry_privileged),
+                str(one.entry_seeds),
+                number(one.overall.entry),
+                *(_text(difference) for difference in (*one.tasks, one.overall, one.overall_iqm)),
+            ]
+            for one in comparisons
+        ],
+        footnotes=[
+            "Difference of mean AUC, and of its IQM, with 95 % stratified-bootstrap intervals, paired by task; more is "
+            "better.",
+            *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
+            *([PRIVILEGED] if marked else []),
+            *dict.fromkeys(note for one in comparisons for note in one.notes),
+        ],
+    )
+
+
+def _marked(agent: str, privileged: bool) -> str:
+    return agent + " †" * privileged
+
+
+def _text(difference: Difference) -> str:
+    return f"{number(difference.difference, '+')}\n{interval_text(difference.interval)}"

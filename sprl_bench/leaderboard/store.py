@@ -1,0 +1,214 @@
+"""Boards: folders of entries, checked one by one and rendered byte for byte from what they hold."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.leaderboard.submission import check_suite
+from sprl_bench.records import InvalidFileError, locate, read, write
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import IncomparableError, Table, check_comparable, tabulate_results
+from sprl_bench.tasks import SUITES
+
+logger = logging.getLogger("sprl_bench")
+
+SCHEMA = "schema.json"
+
+
+class OutdatedEntryError(InvalidFileError):
+    """An entry of an earlier version of its suite."""
+
+
+def home() -> Path:
+    """Return the folder of the published boards: the checkout's own, or the copy in an installed wheel."""
+    package = Path(__file__).parents[1]
+    checkout = package.parent / "leaderboards"
+    return checkout if (checkout / SCHEMA).exists() else package / "_leaderboards"
+
+
+def own_home() -> Path:
+    """Return the folder of boards that new entries go to: the one here, never the copy in an installed wheel.
+
+    Raises:
+        FileNotFoundError: There is none in the current folder.
+    """
+    folder = Path("leaderboards")
+    if not folder.is_dir():
+        raise FileNotFoundError("There is no folder leaderboards here to write to; name one with --home.")
+    return folder
+
+
+def entry_path(folder: Path, suite: str, agent: str) -> Path:
+    """Return where an entry stands below the folder of all boards."""
+    return folder / suite / f"{agent}.json"
+
+
+def read_entry(path: Path) -> Entry:
+    """Read an entry and check all that can be checked: itself, its suite, and its place.
+
+    Raises:
+        OutdatedEntryError: The suite has another version by now.
+        InvalidFileError: Something else is wrong; one line names the file, the line in it, and what.
+        FileNotFoundError: There is no such file.
+    """
+    entry = read(path, Entry)
+    try:
+        check_suite(entry)
+    except ValueError as error:
+        is_older = entry.suite in SUITES and entry.suite_version < SUITES[entry.suite].version
+        kind = OutdatedEntryError if is_older else InvalidFileError
+        raise kind(f"{path}:{_line(path, str(error))}: {error}") from None
+    place = entry_path(Path(), entry.suite, entry.agent)
+    if path.resolve().parts[-2:] != place.parts:
+        raise InvalidFileError(f"{path}:1: the entry of {entry.agent} on {entry.suite} belongs in {place}")
+    return entry
+
+
+def _line(path: Path, complaint: str) -> int:
+    place = complaint.partition(":")[0].split(".")
+    return locate(path, tuple(int(part) if part.isdecimal() else part for part in place))
+
+
+def find_entries(folder: Path) -> list[Entry]:
+    """Read all entries of one board but those of an earlier version of its suite, which a warning names.
+
+    Raises:
+        InvalidFileError: One of them is broken.
+        FileNotFoundError: There is no such folder.
+    """
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder} is not a folder of leaderboard entries.")
+    return _read_current(sorted(folder.glob("*.json")))
+
+
+def _read_current(paths: Iterable[Path]) -> list[Entry]:
+    entries, outdated = [], []
+    for path in paths:
+        try:
+            entries.append(read_entry(path))
+        except OutdatedEntryError:
+            outdated.append(str(path))
+    if outdated:
+        logger.warning("Left out, as of an earlier version of the suite: %s.", ", ".join(outdated))
+    return entries
+
+
+def find_board(name: Path) -> list[Entry]:
+    """Return the entries that a path means: one entry's file, a board's folder, or a board's name.
+
+    Raises:
+        InvalidFileError: An entry is broken.
+        FileNotFoundError: There is nothing of that name.
+        ValueError: It is the folder of all boards.
+    """
+    if name.is_file():
+        return [read_entry(name)]
+    if (name / SCHEMA).exists() or any(name.glob("*/*.json")):
+        raise ValueError(
+            f"{name} is the folder of all boards; name one of them: {', '.join(_names(name)) or 'none yet'}."
+        )
+    folder = name if any(name.glob("*.json")) else home() / name
+    if not folder.is_dir():
+        raise FileNotFoundError(unknown("entry or board", str(name), _names(home())))
+    return find_entries(folder)
+
+
+def _names(folder: Path) -> list[str]:
+    """Return the names of the boards below the folder of all boards."""
+    return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+
+
+def validate(paths: Iterable[Path]) -> list[str]:
+    """Return one line for each file that is no valid entry, or cannot stand beside those in its folder; else none."""
+    complaints = []
+    for path in paths:
+        try:
+            entry = read_entry(path)
+            _check_beside(entry, path)
+        except InvalidFileError as error:
+            complaints.append(str(error))
+        except IncomparableError as error:
+            complaints.append(f"{path}:1: {error}")
+        except OSError as error:
+            complaints.append(f"{path}: {error.strerror}")
+    return complaints
+
+
+def _check_beside(entry: Entry, path: Path) -> None:
+    """Check that an entry can stand beside the others of its folder; those that are broken are passed over.
+
+    Raises:
+        IncomparableError: It cannot.
+    """
+    others: list[tuple[str, Entry]] = []
+    for place in sorted(path.parent.glob("*.json")):
+        with contextlib.suppress(InvalidFileError, OSError):
+            others.append((place.name, read_entry(place)))
+    for name, other in others:
+        try:
+            check_comparable([*entry.results(), *(other.results() if other.agent != entry.agent else ())])
+        except IncomparableError as error:
+            raise IncomparableError(f"beside {name}: {error}") from None
+
+
+def board(entries: Sequence[Entry]) -> Table:
+    """Return the table of one suite's entries, the highest mean AUC first.
+
+    Raises:
+        IncomparableError: They must not share a table.
+        ValueError: There is no entry.
+    """
+    if not entries:
+        raise ValueError("This board has no entry yet.")
+    table = tabulate_results([result for entry in entries for result in entry.results()])
+    rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
+    by_agent = {entry.agent: entry for entry in entries}
+    sources = [
+        f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}"
+        for entry in (by_agent[row.agent] for row in rows)
+    ]
+    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
+
+
+def boards(folder: Path, suite: str | None = None) -> list[Table]:
+    """Return the boards below a folder, or that of one suite.
+
+    Raises:
+        ValueError: There is no entry, or no board of that name.
+        InvalidFileError: An entry is broken.
+    """
+    names = _names(folder)
+    if suite is not None and suite not in names:
+        raise ValueError(unknown("leaderboard", suite, names))
+    found = [find_entries(folder / name) for name in names if suite in (None, name)]
+    tables = [board(entries) for entries in found if entries]
+    if not tables:
+        raise ValueError(f"{folder} has no entry of a suite as it stands; make one with: sprl-bench leaderboard add")
+    return tables
+
+
+def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
+    """Write an entry below the folder of all boards and return its path.
+
+    Raises:
+        FileExistsError: There is one of that name, and `replace` is false.
+        IncomparableError: It cannot stand beside the entries that are there.
+        InvalidFileError: One of those is broken.
+    """
+    path = entry_path(folder, entry.suite, entry.agent)
+    if path.exists() and not replace:
+        raise FileExistsError(f"{path} exists; replace it with --replace.")
+    others = _read_current(other for other in sorted(path.parent.glob("*.json")) if other != path)
+    check_comparable([result for one in (*others, entry) for result in one.results()])
+    write(path, entry)
+    return path
+
+
+def schema() -> str:
+    """Return the JSON schema of an entry, as `leaderboards/schema.json` holds it."""
+    return json.dumps(Entry.model_json_schema(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"

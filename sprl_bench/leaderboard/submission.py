@@ -1,0 +1,190 @@
+"""From a folder of runs to an entry: complete, on the suite as it stands, and of one make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, TypeVar
+
+from pydantic import ValidationError
+
+from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.records import RunRecord, RunSpec, TaskSpec
+from sprl_bench.records.files import first_complaint
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import (
+    IncomparableError,
+    MissingRunsError,
+    Result,
+    check_comparable,
+    describe_holes,
+    find_holes,
+    version_differences,
+)
+from sprl_bench.tasks import SUITES, find_suite, too_wide
+
+Status = Literal["reported", "reproduced"]
+Value = TypeVar("Value")
+
+
+def make_entry(
+    records: Iterable[RunRecord],
+    *,
+    agent: str,
+    authors: Sequence[str],
+    link: str,
+    suite: str | None = None,
+    status: Status = "reported",
+    planned: Iterable[RunSpec] = (),
+) -> Entry:
+    """Return the entry that an agent's runs of one suite make.
+
+    Args:
+        records: Runs of any agents and suites.
+        agent: Whose entry it is.
+        authors: Of the agent.
+        link: To a paper or to the code.
+        suite: Needed only where the agent has runs of several suites.
+        status: "reproduced" where someone else ran it again.
+        planned: Runs that were asked for: those without a record count as missing.
+
+    Raises:
+        MissingRunsError: A run is missing, or there are fewer than five seeds.
+        IncomparableError: The runs do not belong together, or are not of the suite's own tasks and budgets.
+        ValueError: There is no such agent or suite among the records.
+    """
+    mine = _runs_of(list(records), agent, suite)
+    complete = [record for record in mine if record.status == "complete"]
+    wanted = [*planned, *(record.spec for record in mine)]
+    _check_publishable(complete, [spec for spec in wanted if spec.agent == agent])
+    try:
+        entry = _entry(complete, tuple(authors), link, status)
+    except ValidationError as error:
+        raise ValueError(first_complaint(error)) from None
+    check_suite(entry)
+    return entry
+
+
+def check_suite(entry: Entry) -> None:
+    """Check that an entry is of a suite as it stands: its version, its tasks, their budgets, arguments and widths.
+
+    Raises:
+        ValueError: It is not; the message begins with the place in the entry.
+    """
+    if entry.suite not in SUITES:
+        raise ValueError("suite: " + unknown("suite", entry.suite, SUITES))
+    suite = SUITES[entry.suite]
+    if entry.suite_version != suite.version:
+        raise ValueError(f"suite_version: it is {entry.suite_version}; suite {suite.name!r} has {suite.version}")
+    names, wanted = [part.task.name for part in entry.tasks], [task.name for task in suite.tasks]
+    if names != wanted:
+        raise ValueError(f"tasks: they are {', '.join(names)}; suite {suite.name!r} has {', '.join(wanted)}")
+    for number, (part, task) in enumerate(zip(entry.tasks, suite.tasks, strict=True)):
+        for name, value in TaskSpec.of(task):
+            if getattr(part.task, name) != value:
+                raise ValueError(
+                    f"tasks.{number}.task.{name}: it is {getattr(part.task, name)}, the suite's is {value}"
+                )
+        if fault := too_wide(suite.name, task.name, part.num_envs):
+            raise ValueError(f"tasks.{number}.num_envs: {fault}")
+
+
+def _runs_of(records: Sequence[RunRecord], agent: str, suite: str | None) -> list[RunRecord]:
+    if suite is not None:
+        find_suite(suite)
+    mine = [record for record in records if record.spec.agent == agent and suite in (None, record.spec.suite)]
+    if not any(record.status == "complete" for record in mine):
+        agents = {record.spec.agent for record in records}
+        if agent in agents:
+            where = f" of suite {suite!r}" if suite else ""
+            raise MissingRunsError(f"Agent {agent!r} has no finished run{where}.")
+        raise ValueError(unknown("agent among these runs:", agent, agents))
+    suites = sorted({record.spec.suite for record in mine})
+    if len(suites) > 1:
+        raise ValueError(f"Agent {agent!r} has runs of several suites; choose one with suite: {', '.join(suites)}.")
+    return mine
+
+
+def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec]) -> None:
+    results = [Result.of(record) for record in complete]
+    check_comparable(results)
+    agent, suite = results[0].agent, find_suite(results[0].suite)
+    if holes := find_holes(results, wanted, [task.name for task in suite.tasks]):
+        raise MissingRunsError(f"An entry has the same seeds on all tasks of its suite; {describe_holes(holes)}.")
+    seeds = {result.seed for result in results}
+    if len(seeds) < MINIMUM_SEEDS:
+        raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
+    codes = {code for result in results for code in result.codes}
+    if len(codes) > 1 and complete[0].spec.source:  # a script may be edited from seed to seed; boards tell it
+        raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
+    for package, text in version_differences(results).items():
+        raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
+
+
+def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, status: Status) -> Entry:
+    spec = complete[0].spec
+    return Entry(
+        agent=spec.agent,
+        authors=authors,
+        link=link,
+        privileged=spec.privileged,
+        status=status,
+        suite=spec.suite,
+        suite_version=spec.suite_version,
+        tasks=tuple(
+            _task_entry([record for record in complete if record.spec.task.name == task.name])
+            for task in find_suite(spec.suite).tasks
+        ),
+        versions=_versions(complete),
+        git_commits=_commits(complete),
+        agent_codes=tuple(sorted({record.agent_code for record in complete if record.agent_code})),
+        hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
+    )
+
+
+def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
+    runs = sorted(records, key=lambda record: record.spec.seed)
+    spec = runs[0].spec
+    if spec.source:  # the harness sets the threads; a script has as many as its machine gives it
+        _common(runs, "torch_threads", lambda run: run.torch_threads)
+    return TaskEntry(
+        task=spec.task,
+        source=_common(runs, "source", lambda run: run.source),
+        hyperparameters=spec.hyperparameters,
+        hyperparameters_hash=spec.hyperparameters_hash,
+        num_envs=_common(runs, "num_envs", lambda run: run.num_envs),
+        fingerprint=runs[0].fingerprint,
+        results=tuple(
+            SeedResult(
+                seed=run.spec.seed,
+                device=run.spec.device,
+                torch_threads=run.spec.torch_threads,
+                abandoned_share=run.totals.abandoned_share,
+                scores=run.scores,
+                return_curve=run.return_curve,
+                success_curve=run.success_curve,
+            )
+            for run in runs
+        ),
+    )
+
+
+def _common(records: Sequence[RunRecord], name: str, value: Callable[[RunSpec], Value]) -> Value:
+    found = {value(record.spec) for record in records}
+    if len(found) > 1:
+        task = records[0].spec.task.name
+        raise IncomparableError(f"{task}: {name} differs between seeds: {', '.join(sorted(map(repr, found)))}.")
+    return found.pop()
+
+
+def _commits(records: Sequence[RunRecord]) -> tuple[str, ...]:
+    """Return what the runs say of their builds, each once; one that went on after an interruption may name several."""
+    return tuple(sorted({record.git_commit for record in records if record.git_commit}))
+
+
+def _versions(records: Sequence[RunRecord]) -> dict[str, str]:
+    """Return the versions of everything that any run loaded; several only where no score depends on it."""
+    names = sorted({name for record in records for name in record.versions})
+    return {
+        name: ", ".join(sorted({record.versions[name] for record in records if name in record.versions}))
+        for name in names
+    }

@@ -1,0 +1,211 @@
+"""One run of a script: the environments that belong to it, their turns, and the record they come to."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import time
+import weakref
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, TypeVar
+
+import gymnasium
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from sprl_bench import provenance
+from sprl_bench.recorder.episodes import EpisodeLog
+from sprl_bench.recorder.fingerprint import fingerprint
+from sprl_bench.recorder.identity import choose_task, identify
+from sprl_bench.recorder.results import write_result
+from sprl_bench.recorder.wrappers import EnvRecorder, Listener, VectorRecorder
+from sprl_bench.records import RunRecord, RunSpec, differences, read
+from sprl_bench.records.folder import CHECKPOINT, RECORD, lock, remove_leftovers
+from sprl_bench.tasks import too_wide
+
+logger = logging.getLogger("sprl_bench")
+
+AnyEnv = TypeVar("AnyEnv", bound="gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]")
+NONE: Final[Mapping[str, Any]] = MappingProxyType({})
+ELSEWHERE: Final = (
+    "An environment for evaluation is made before the recording begins, or under `with recording.paused():`."
+)
+
+
+def spec_of(
+    env: Any, *, suite: str | None, budget: int | None, score_range: tuple[float, float] | None, **rest: Any
+) -> RunSpec:
+    """Return what an environment's run is, as far as it is known at the beginning."""
+    return RunSpec.of(*choose_task(identify(env), suite, budget, score_range), source="", num_envs=1, **rest)
+
+
+def run_of(spec: RunSpec, folder: Path) -> ScriptRun:
+    """Return the run of this process that is recorded there, begun if need be."""
+    run = _LIVE.get(folder) or ScriptRun(spec, folder)
+    if run.spec != spec:
+        raise ValueError(f"{folder} is being recorded with {'; '.join(differences(run.spec, spec))}.")
+    return run
+
+
+class ScriptRun:
+    """One run of a script while it goes on, from its first environment to its record.
+
+    Args:
+        spec: What it is a run of; sub-environments, device and threads are filled in at the end.
+        folder: Where its record goes.
+
+    Raises:
+        FileExistsError: Something lies there that must not be replaced.
+        LockedError: Another process is recording there.
+    """
+
+    def __init__(self, spec: RunSpec, folder: Path) -> None:
+        import pyarrow.parquet  # noqa: F401, PLC0415 - too late to load when the interpreter shuts down
+
+        self.spec, self.folder = spec, folder
+        self.held = False  # whether it goes on when all its environments are closed
+        self.final = False  # whether its record has been written
+        fingerprint(spec.task)  # now, for the same reason
+        provenance.git_commit()  # is remembered from here on: files may change until the end
+        self._code = provenance.agent_code(spec.source)
+        self._owned = contextlib.ExitStack()
+        self._owned.enter_context(lock(folder))
+        self._owned.callback(_LIVE.pop, folder)
+        _LIVE[folder] = self
+        self._process, self._started = os.getpid(), time.perf_counter()
+        self._log, self._vector = self._empty_log(), False
+        self._warned = False  # of too many environments, if need be
+        self._open: set[_Member] = set()
+        try:
+            _refuse_to_replace(folder)
+        except BaseException:
+            self._owned.close()
+            raise
+        remove_leftovers(folder)
+
+    @property
+    def complete(self) -> bool:
+        """Whether its record holds the whole budget."""
+        return self.final and self._log.complete
+
+    def take_in(self, env: Any) -> Any:
+        """Return `env` with a recorder that writes to this run.
+
+        Raises:
+            ValueError: The run has begun without it, or one of the two is a vector environment.
+        """
+        vector = isinstance(env, VectorEnv)
+        if self._log.env_steps or (self._open and (vector or self._vector)):
+            raise ValueError(f"{self.folder} is being recorded already. {ELSEWHERE}")
+        member = _Member(self)
+        recorder: Any
+        if vector:
+            recorder = VectorRecorder(env, self.spec.task.budget, member)
+            self._log = recorder.episode_log
+        else:
+            if self._vector:
+                self._log = self._empty_log()
+            recorder = EnvRecorder(env, self._log, self._log.add_env(), member)
+        self._vector = vector
+        self._open.add(member)
+        if vector:
+            self._warn_of_width(self._log.num_envs)
+        weakref.finalize(recorder, member.closed)  # when it is forgotten, or at the end of the process
+        return recorder
+
+    def _empty_log(self) -> EpisodeLog:
+        return EpisodeLog(0, self.spec.task.budget, AutoresetMode.DISABLED)
+
+    def check_turn(self, steps: int) -> None:
+        """Refuse a step, after so many, out of turn: with N environments, each steps before one takes its next."""
+        if not self._warned:
+            self._warn_of_width(len(self._open))
+        if len(self._open) > 1 and not self.final:
+            slowest = min(member.steps + member.resets for member in self._open)
+            if steps > slowest:
+                raise RuntimeError(
+                    f"{len(self._open)} environments are recorded as one run ({self.folder}), but one of them is not "
+                    f"stepped in turn with the others. {ELSEWHERE} One that is no longer needed must be closed."
+                )
+
+    def leave(self, member: _Member) -> None:
+        """Write what there is, if this was the last of the environments."""
+        self._open.discard(member)
+        if not self._open and not self.held:
+            self.finish()
+
+    def finish(self) -> None:
+        """Write the record, complete or not, unless that has been done; a run without a step leaves nothing."""
+        if self.final or os.getpid() != self._process:
+            return
+        self.final = True
+        with self._owned:
+            if self._log.env_steps:
+                known_by_now = {"num_envs": self._log.num_stepped, **provenance.computing()}
+                spec = self.spec.model_copy(update=known_by_now)
+                wall_time_s = time.perf_counter() - self._started
+                write_result(self.folder, spec, self._log, wall_time_s=wall_time_s, agent_code=self._code)
+                self._report()
+
+    def _warn_of_width(self, num_envs: int) -> None:
+        """Warn, once, where there are more environments than a leaderboard takes."""
+        self._warned = True
+        if fault := too_wide(self.spec.suite, self.spec.task.name, num_envs):
+            logger.warning("%s.", fault)
+
+    def _report(self) -> None:
+        """Log what was written; warn where no table will take it."""
+        if self._log.complete and self._log.abandoned:
+            logger.warning(
+                "%s has %d of %d episodes that were reset before their end; they count as failures.",
+                self.folder,
+                self._log.abandoned,
+                len(self._log.episodes),
+            )
+        if self._log.complete:
+            logger.info("%s has its record: all of the %d env steps.", self.folder, self.spec.task.budget)
+        else:
+            logger.warning(
+                "%s has an incomplete record, which no table takes: %d of %d env steps.",
+                self.folder,
+                self._log.env_steps,
+                self.spec.task.budget,
+            )
+
+
+class _Member(Listener):
+    """One environment of a run, and what it has done so far."""
+
+    def __init__(self, run: ScriptRun) -> None:
+        self._run = run
+        self.steps = 0
+        self.resets = 0  # a vector environment may spend its turn on one
+
+    @property
+    def recording(self) -> bool:
+        return not self._run.final
+
+    def stepping(self) -> None:
+        self._run.check_turn(self.steps)
+        self.steps += 1
+
+    def resetting(self) -> None:
+        self.resets += 1
+
+    def completed(self) -> None:
+        self._run.finish()
+
+    def closed(self) -> None:
+        self._run.leave(self)
+
+
+_LIVE: Final[dict[Path, ScriptRun]] = {}
+
+
+def _refuse_to_replace(folder: Path) -> None:
+    if (folder / CHECKPOINT).exists():
+        raise FileExistsError(f"{folder} holds an unfinished run of the command line; use another agent name or out.")
+    if (folder / RECORD).exists() and read(folder / RECORD, RunRecord).status == "complete":
+        raise FileExistsError(f"{folder} holds a complete record; use another seed, agent or out, or remove it.")

@@ -1,0 +1,99 @@
+"""A run's folder: what lies in it, and that one process at a time writes there."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+RECORD: Final = "record.json"
+EPISODES: Final = "episodes.parquet"
+METRICS: Final = "metrics.jsonl"
+CHECKPOINT: Final = "checkpoint.safetensors"
+WEIGHTS: Final = "weights.safetensors"
+SPEC: Final = "spec.json"
+ERROR: Final = "error.txt"
+OUTPUT: Final = "output.txt"
+LOCK: Final = ".lock"
+
+PATIENCE_S: Final = 0.5  # looking whether a lock is held takes it for a moment
+
+
+class LockedError(RuntimeError):
+    """Another process is at work in this folder."""
+
+
+@contextlib.contextmanager
+def lock(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a run's folder for as long as the context lasts; the system ends it with the process.
+
+    Raises:
+        LockedError: Another process is in there.
+    """
+    descriptor = _acquire(folder)
+    try:
+        yield
+    finally:
+        (folder / LOCK).unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _acquire(folder: Path) -> int:
+    folder.mkdir(parents=True, exist_ok=True)
+    deadline = time.monotonic() + PATIENCE_S
+    while (descriptor := _try(folder / LOCK)) is None:
+        if time.monotonic() > deadline:
+            raise LockedError(f"{folder} is in use by another process ({_holder(folder)}).")
+        time.sleep(0.02)
+    os.ftruncate(descriptor, 0)
+    os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
+    return descriptor
+
+
+def _try(path: Path) -> int | None:
+    """Return an open, locked file, or None where another process has it."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Whoever held it before may have removed the file between opening and locking: then the lock is on nothing.
+        if path.exists() and path.stat().st_ino == os.fstat(descriptor).st_ino:
+            return descriptor
+    except BlockingIOError:
+        pass
+    except FileNotFoundError:
+        pass
+    os.close(descriptor)
+    return None
+
+
+def _holder(folder: Path) -> str:
+    with contextlib.suppress(OSError):
+        return (folder / LOCK).read_text() or "unknown"
+    return "unknown"
+
+
+def is_locked(folder: Path) -> bool:
+    """Return whether a process is at work in this folder."""
+    try:
+        descriptor = os.open(folder / LOCK, os.O_RDWR)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of a process that was killed while it wrote; the caller holds the lock."""
+    for name in (RECORD, EPISODES, CHECKPOINT, WEIGHTS, SPEC):
+        for path in folder.glob(f".{name}.*"):
+            path.unlink()

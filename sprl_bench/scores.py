@@ -1,0 +1,197 @@
+"""Scores: pure functions of arrays.
+
+A run is a curve of 100 bins over its budget; its AUC is their mean. A method is a matrix of scores, one row a seed, one
+column a task; its mean, its interquartile mean and their stratified-bootstrap intervals are functions of that matrix
+and of a random generator that the caller passes in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+BINS = 100
+FINAL_BINS = 10
+THRESHOLD = 0.5
+
+Array = npt.NDArray[np.float64]
+Statistic = Callable[[Array], Array]
+
+
+def curve(stamps: npt.ArrayLike, values: npt.ArrayLike, budget: int) -> Array:
+    """Bin the episodes of one run.
+
+    Bin b holds the episodes whose stamp lies in (b * budget / 100, (b + 1) * budget / 100]; its value is their mean. A
+    bin without an episode repeats the one before it; before the first episode the value is 0.
+
+    Args:
+        stamps: [E], the environment step (from 1) at which each episode ended; those beyond the budget are dropped.
+        values: [E], each episode's return or success.
+        budget: Environment steps.
+
+    Returns:
+        [100], one value a bin.
+    """
+    steps = np.asarray(stamps, dtype=np.int64)
+    scored = steps <= budget
+    # Integer arithmetic: the bin of step s is ceil(100 s / budget) - 1, exactly.
+    bins = -(-steps[scored] * BINS // budget) - 1
+    totals = np.bincount(bins, weights=np.asarray(values, dtype=np.float64)[scored], minlength=BINS)
+    counts = np.bincount(bins, minlength=BINS)
+    means = np.divide(totals, counts, out=np.zeros(BINS), where=counts > 0)
+    last_filled = np.maximum.accumulate(np.where(counts > 0, np.arange(BINS), -1))
+    return np.where(last_filled >= 0, means[last_filled], 0.0)
+
+
+def auc(bins: npt.ArrayLike) -> float:
+    """Return the mean of a curve's bins, summed exactly so that every machine agrees on the last bit."""
+    values = np.asarray(bins, dtype=np.float64).tolist()
+    return math.fsum(values) / len(values)
+
+
+def final(bins: npt.ArrayLike) -> float:
+    """Return the mean of a curve's last ten bins."""
+    return auc(np.asarray(bins)[-FINAL_BINS:])
+
+
+def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[float, float]) -> int | None:
+    """Return the environment step at which the first bin ends that reaches half of the range.
+
+    Returns:
+        That step, or None where no bin reaches it: the run is censored at its budget.
+    """
+    low, high = score_range
+    reached = np.flatnonzero(np.asarray(bins, dtype=np.float64) >= low + THRESHOLD * (high - low))
+    return int((reached[0] + 1) * budget // BINS) if reached.size else None
+
+
+def mean(scores: Array) -> Array:
+    """Return the mean over seeds, then over tasks.
+
+    Args:
+        scores: [..., S, T] for S seeds and T tasks.
+
+    Returns:
+        [...]
+    """
+    return np.asarray(scores.mean(axis=-2).mean(axis=-1))
+
+
+def iqm(scores: Array) -> Array:
+    """Return the interquartile mean: of all seeds and tasks together, without the lowest and the highest quarter.
+
+    Args:
+        scores: [..., S, T] for S seeds and T tasks.
+
+    Returns:
+        [...]
+    """
+    flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
+    cut = flat.shape[-1] // 4
+    return np.asarray(flat[..., cut : flat.shape[-1] - cut].mean(axis=-1))
+
+
+class Interval(NamedTuple):
+    """The ends of a confidence interval."""
+
+    low: float
+    high: float
+
+
+def bootstrap_interval(
+    scores: Array,
+    statistic: Statistic,
+    generator: np.random.Generator,
+    *,
+    resamples: int = 10_000,
+    confidence: float = 0.95,
+) -> Interval | None:
+    """Return a percentile interval of `statistic`, resampling seeds within each task.
+
+    Args:
+        scores: [S, T] for S seeds and T tasks.
+        statistic: From [R, S, T] to [R].
+        generator: The same generator state gives the same interval.
+        resamples: R, the number of bootstrap samples.
+        confidence: The probability that the interval aims to cover.
+
+    Returns:
+        The interval, or None for a single seed, which says nothing of its spread.
+    """
+    if scores.shape[0] < 2:
+        return None
+    return _percentiles(statistic(_resample(scores, generator, resamples)), confidence)
+
+
+def curve_band(
+    curves: Array, generator: np.random.Generator, *, resamples: int = 2_000, confidence: float = 0.95
+) -> tuple[Array, Array] | None:
+    """Return a percentile interval of the mean curve, bin by bin, resampling whole runs.
+
+    Args:
+        curves: [S, B] for S seeds and B bins.
+        generator: The same generator state gives the same band.
+        resamples: The number of bootstrap samples.
+        confidence: The probability that each bin's interval aims to cover.
+
+    Returns:
+        The lower and the upper ends, each [B], or None for a single seed.
+    """
+    seeds = curves.shape[0]
+    if seeds < 2:
+        return None
+    means = curves[generator.integers(seeds, size=(resamples, seeds))].mean(axis=1)
+    tail = 100 * (1 - confidence) / 2
+    low, high = np.percentile(means, [tail, 100 - tail], axis=0)
+    return low, high
+
+
+def difference_interval(
+    scores: Array,
+    reference: Array,
+    generator: np.random.Generator,
+    *,
+    statistic: Statistic = mean,
+    resamples: int = 10_000,
+    confidence: float = 0.95,
+) -> Interval | None:
+    """Return a percentile interval of statistic(scores) - statistic(reference) over the same tasks.
+
+    Args:
+        scores: [S, T].
+        reference: [S', T], the same tasks in the same order; the seeds of the two are independent.
+        generator: The same generator state gives the same interval.
+        statistic: From [R, S, T] to [R].
+        resamples: R, the number of bootstrap samples.
+        confidence: The probability that the interval aims to cover.
+
+    Returns:
+        The interval, or None where either side has a single seed.
+
+    Raises:
+        ValueError: The two do not have the same number of tasks.
+    """
+    if scores.shape[1] != reference.shape[1]:
+        raise ValueError(f"scores has {scores.shape[1]} tasks and reference {reference.shape[1]}; they must be paired.")
+    if min(scores.shape[0], reference.shape[0]) < 2:
+        return None
+    ours = statistic(_resample(scores, generator, resamples))
+    theirs = statistic(_resample(reference, generator, resamples))
+    return _percentiles(ours - theirs, confidence)
+
+
+def _resample(scores: Array, generator: np.random.Generator, resamples: int) -> Array:
+    """Draw, for each task on its own, as many seeds as there are, with replacement: [R, S, T]."""
+    seeds, tasks = scores.shape
+    chosen = generator.integers(seeds, size=(resamples, seeds, tasks))
+    return scores[chosen, np.arange(tasks)]
+
+
+def _percentiles(values: Array, confidence: float) -> Interval:
+    tail = 100 * (1 - confidence) / 2
+    low, high = np.percentile(values, [tail, 100 - tail])
+    return Interval(float(low), float(high))

@@ -1,0 +1,166 @@
+"""From specs to records: what is finished is skipped, what was interrupted goes on, what failed is tried again."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Final, Literal
+
+from sprl_bench.executors import Executor, WorkerDiedError
+from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
+from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked
+from sprl_bench.run import InterruptedRunError, SpecChangedError, find_finished, run
+from sprl_bench.tasks import too_wide
+
+logger = logging.getLogger("sprl_bench")
+
+SHOWN: Final = 3  # differences in one message
+
+RunKey = tuple[str, str, str, int]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one spec; `error` is one line, empty unless it failed."""
+
+    spec: RunSpec
+    status: Literal["finished", "skipped", "failed"]
+    error: str = ""
+
+
+class Observer:
+    """Is told how a suite goes; this one does nothing."""
+
+    def started(self, specs: Sequence[RunSpec], out: Path) -> None:
+        """Hear that these runs are wanted; what becomes of them can be read in their folders."""
+
+    def ended(self, outcome: Outcome) -> None:
+        """Hear what became of one of them."""
+
+    def closed(self) -> None:
+        """Hear that no more will come."""
+
+
+def run_suite(
+    specs: Sequence[RunSpec],
+    out: Path,
+    *,
+    executor: Executor,
+    observer: Observer = Observer(),  # noqa: B008 - it has no state
+) -> list[Outcome]:
+    """Work on all runs that are not finished, and return what became of each, in the order of `specs`.
+
+    A run that fails leaves its traceback in its folder and does not keep the others from going on.
+
+    Raises:
+        SpecChangedError: There are results under the same name with another spec. Nothing has been started.
+        InvalidFileError: A file there is broken. Nothing has been started.
+    """
+    _refuse_changes(specs, out)
+    _warn_of_width(specs)
+    waiting = [spec for spec in specs if find_finished(spec.path(out), spec) is None]
+    for spec in waiting:
+        write(spec.path(out) / SPEC, spec)
+    outcomes: dict[RunKey, Outcome] = {}
+    observer.started(specs, out)
+    try:
+        with contextlib.closing(_work_on(specs, waiting, out, executor)) as work:
+            for outcome in work:
+                outcomes[_key(outcome.spec)] = outcome
+                observer.ended(outcome)
+    finally:
+        observer.closed()
+    return [outcomes[_key(spec)] for spec in specs]
+
+
+def _key(spec: RunSpec) -> RunKey:
+    return spec.suite, spec.task.name, spec.agent, spec.seed
+
+
+def _work_on(specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, executor: Executor) -> Generator[Outcome]:
+    left = {_key(spec) for spec in waiting}
+    yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
+    for spec, result in executor.map(partial(_attempt, out=out), waiting):
+        yield _crashed(spec, out, result) if isinstance(result, WorkerDiedError) else result
+
+
+def _crashed(spec: RunSpec, out: Path, error: WorkerDiedError) -> Outcome:
+    _leave_error(spec, out, f"{error}\n")
+    return Outcome(spec, "failed", str(error))
+
+
+def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
+    """Write down why a run failed, unless that is just what cannot be done."""
+    with contextlib.suppress(OSError):
+        write_bytes(spec.path(out) / ERROR, text.encode())
+
+
+def _attempt(spec: RunSpec, out: Path) -> Outcome:
+    """Run one spec in a worker, and make of whatever happens an outcome."""
+    parent = os.getppid()
+    try:
+        with _output_to(spec.path(out) / OUTPUT):
+            run(spec, out, stop=lambda: os.getppid() != parent)
+    except (InterruptedRunError, LockedError) as error:
+        return Outcome(spec, "failed", str(error))
+    except Exception as error:  # whatever an agent does wrong, the other runs go on
+        _leave_error(spec, out, traceback.format_exc())
+        return Outcome(spec, "failed", f"{type(error).__name__}: {error}".partition("\n")[0])
+    return Outcome(spec, "finished")
+
+
+@contextlib.contextmanager
+def _output_to(path: Path) -> Iterator[None]:
+    """Let all that this process prints, compiled code included, go to a file; an empty one is removed."""
+    saved = [os.dup(descriptor) for descriptor in (1, 2)]
+    with path.open("ab") as file:
+        for descriptor in (1, 2):
+            os.dup2(file.fileno(), descriptor)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        for descriptor, original in zip((1, 2), saved, strict=True):
+            os.dup2(original, descriptor)
+            os.close(original)
+        if path.exists() and path.stat().st_size == 0:
+            path.unlink()
+
+
+def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
+    """Refuse specs that differ in more than the seed from what lies under the same suite, task and agent."""
+    changed = []
+    for spec in {_key(spec)[:3]: spec for spec in specs}.values():
+        for place, other in _begun(spec.path(out).parent):
+            lines = differences(other.model_copy(update={"seed": spec.seed}), spec)
+            changed += [f"{place}: {line}" for line in lines]
+    if changed:
+        more = f" (and {len(changed) - SHOWN} more)" if len(changed) > SHOWN else ""
+        raise SpecChangedError(
+            f"There are runs of another spec under the same name: {'; '.join(changed[:SHOWN])}{more}. "
+            "Use another --out, or remove them."
+        )
+
+
+def _warn_of_width(specs: Sequence[RunSpec]) -> None:
+    """Say before the first step what will keep these runs off every leaderboard."""
+    for fault in dict.fromkeys(too_wide(spec.suite, spec.task.name, spec.num_envs) for spec in specs):
+        if fault:
+            logger.warning("%s.", fault)
+
+
+def _begun(folder: Path) -> Iterator[tuple[Path, RunSpec]]:
+    """Yield the folder and the spec of each of an agent's runs that has come to something or is worked on."""
+    for place in sorted(folder.glob("seed-*")):
+        if (place / RECORD).exists():
+            yield place, read(place / RECORD, RunRecord).spec
+        elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):
+            yield place, read(place / SPEC, RunSpec)

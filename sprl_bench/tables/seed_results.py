@@ -1,0 +1,130 @@
+"""What a table, a plot and a leaderboard are made of.
+
+A result is one seed's scores on one task, wherever it was written down: a run's record or a leaderboard entry.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from pydantic import JsonValue
+
+from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
+from sprl_bench.tasks import CUSTOM, SUITES
+
+SHOWN_HOLES = 8
+
+
+class MissingRunsError(ValueError):
+    """Runs without which a mean would be one over something else; the message names them."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One seed of one agent on one task."""
+
+    suite: str
+    suite_version: int
+    task: TaskSpec
+    agent: str
+    privileged: bool
+    seed: int
+    num_envs: int
+    hyperparameters: Mapping[str, JsonValue]
+    fingerprint: str
+    versions: Mapping[str, str]
+    builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
+    codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
+    device: str
+    torch_threads: int
+    abandoned_share: float  # of the episodes, those that were reset before their end
+    return_curve: tuple[float, ...]
+    scores: Scores
+
+    @classmethod
+    def of(cls, record: RunRecord) -> Result:
+        """Return the part of a run's record that tables need."""
+        spec = record.spec
+        return cls(
+            suite=spec.suite,
+            suite_version=spec.suite_version,
+            task=spec.task,
+            agent=spec.agent,
+            privileged=spec.privileged,
+            seed=spec.seed,
+            num_envs=spec.num_envs,
+            hyperparameters=spec.hyperparameters,
+            fingerprint=record.fingerprint,
+            versions=record.versions,
+            builds=(record.git_commit,) if record.git_commit else (),
+            codes=(record.agent_code,) if record.agent_code else (),
+            device=spec.device,
+            torch_threads=spec.torch_threads,
+            abandoned_share=record.totals.abandoned_share,
+            return_curve=record.return_curve,
+            scores=record.scores,
+        )
+
+
+@dataclass(frozen=True, order=True)
+class Hole:
+    """A run that a mean would need and that is not there."""
+
+    agent: str
+    task: str
+    seed: int
+
+    def __str__(self) -> str:
+        """Return the run's path below its suite."""
+        return f"{self.task}/{self.agent}/seed-{self.seed}"
+
+
+def split_suites(results: Iterable[Result]) -> list[list[Result]]:
+    """Return the results of each suite, and those of each task that belongs to none, in the order of their names."""
+    groups: dict[str, list[Result]] = defaultdict(list)
+    for result in results:
+        groups[table_of(result.suite, result.task.name)].append(result)
+    return [group for _, group in sorted(groups.items())]
+
+
+def table_of(suite: str, task: str) -> str:
+    """Return the name of the table that a run belongs to: its suite's, or its task's own where it is of none."""
+    return f"{suite}/{task}" if suite == CUSTOM.name else suite
+
+
+def task_names(results: Sequence[Result]) -> tuple[str, ...]:
+    """Return the tasks that these results of one suite should have, run or not, in the suite's order."""
+    suite = SUITES.get(results[0].suite)
+    known = [task.name for task in suite.tasks] if suite and suite.version == results[0].suite_version else []
+    return tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
+
+
+def find_holes(results: Sequence[Result], planned: Iterable[RunSpec], tasks: Sequence[str]) -> list[Hole]:
+    """Return the runs that are missing from agents x tasks x seeds.
+
+    An agent's seeds are those that it has on any of the tasks, or that were planned for it.
+
+    Args:
+        results: Of one suite.
+        planned: Runs that were asked for, finished or not.
+        tasks: The columns.
+    """
+    suite = results[0].suite
+    seeds: dict[str, set[int]] = defaultdict(set)
+    for result in results:
+        seeds[result.agent].add(result.seed)
+    for spec in planned:
+        if spec.suite == suite and spec.task.name in tasks:
+            seeds[spec.agent].add(spec.seed)
+    there = {(result.agent, result.task.name, result.seed) for result in results}
+    wanted = (Hole(agent, task, seed) for agent in sorted(seeds) for task in tasks for seed in sorted(seeds[agent]))
+    return [hole for hole in wanted if (hole.agent, hole.task, hole.seed) not in there]
+
+
+def describe_holes(holes: Sequence[Hole]) -> str:
+    """Return "N runs are missing: ..." with the first few of them."""
+    shown = ", ".join(str(hole) for hole in holes[:SHOWN_HOLES])
+    more = f" and {len(holes) - SHOWN_HOLES} more" if len(holes) > SHOWN_HOLES else ""
+    return f"{len(holes)} {'run is' if len(holes) == 1 else 'runs are'} missing: {shown}{more}"

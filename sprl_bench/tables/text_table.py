@@ -1,0 +1,150 @@
+"""Text in rows and columns with a title and footnotes, for a terminal, a page and a paper; and data as JSON."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from sprl_bench.records import Data
+
+DIGITS = 6
+"""Decimals in the formats for machines: enough for any use, and the same on every machine."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is to be drawn; the first column is text, the others are numbers, and a cell may have several lines."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    footnotes: Sequence[str]
+
+
+def draw(grids: Sequence[Grid], form: str, *, width: int | None = None) -> str:
+    """Return grids as text that ends in a newline.
+
+    Args:
+        grids: One below the other.
+        form: One of `GRID_FORMATS`.
+        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+    """
+    return _rich(grids, width) if form == "rich" else WRITERS[form](grids)
+
+
+def number(value: float, sign: str = "") -> str:
+    """Return a score with three decimals, never as a negative nought; `sign` "+" shows the sign of a difference."""
+    return f"{round(value, 3) + 0.0:{sign}.3f}"
+
+
+def as_json(data: Sequence[Data]) -> str:
+    """Return data as JSON with six decimals."""
+    return json.dumps([_rounded(one.model_dump(mode="json")) for one in data], indent=1, allow_nan=False) + "\n"
+
+
+def _rounded(value: object) -> object:
+    if isinstance(value, float):
+        return round(value, DIGITS)
+    if isinstance(value, list):
+        return [_rounded(item) for item in value]
+    if isinstance(value, dict):
+        return {name: _rounded(item) for name, item in value.items()}
+    return value
+
+
+def _rich(grids: Sequence[Grid], width: int | None) -> str:
+    console = Console(width=width or 10_000, file=io.StringIO(), force_terminal=width is not None)
+    with console.capture() as captured:
+        for grid in grids:
+            console.print(Text(grid.title, style="bold"))
+            console.print(_rich_table(grid))
+            for line in grid.footnotes:
+                console.print(Text(line, style="dim"))
+            console.print()
+    return "\n".join(line.rstrip() for line in captured.get().rstrip().splitlines()) + "\n"
+
+
+def _rich_table(grid: Grid) -> RichTable:
+    table = RichTable(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for column, name in enumerate(map(_folded, grid.header)):
+        narrowest = max(len(line) for line in name.split("\n"))
+        table.add_column(Text(name), justify="right" if column else "left", no_wrap=not column, min_width=narrowest)
+    for row in grid.rows:
+        table.add_row(*(Text(text) for text in row))
+    return table
+
+
+def _folded(name: str) -> str:
+    """Return a task's name on two lines, so that its column is as narrow as its numbers."""
+    front, dash, end = name.rpartition("-")
+    return f"{front}-\n{end}" if dash else name
+
+
+def _flat(text: str) -> str:
+    return " ".join(text.split("\n"))
+
+
+def _markdown(grids: Sequence[Grid]) -> str:
+    return "\n".join(_markdown_grid(grid) for grid in grids)
+
+
+def _markdown_grid(grid: Grid) -> str:
+    lines = [grid.header, ["---", *["---:"] * (len(grid.header) - 1)], *grid.rows]
+    table = "\n".join("| " + " | ".join(_markdown_escape(_flat(text)) for text in line) + " |" for line in lines)
+    notes = "\n".join(f"- {_markdown_escape(line)}" for line in grid.footnotes)
+    return f"### {_markdown_escape(grid.title)}\n\n{table}\n\n{notes}\n"
+
+
+def _markdown_escape(text: str) -> str:
+    escaped = "".join(f"\\{letter}" if letter in "\\`*<>|" else letter for letter in text)
+    return escaped.replace("](", "]\\(")
+
+
+def _latex(grids: Sequence[Grid]) -> str:
+    return "\n".join(_latex_grid(grid) for grid in grids)
+
+
+def _latex_grid(grid: Grid) -> str:
+    body = [" & ".join(_latex_escape(_flat(text)) for text in row) + r" \\" for row in grid.rows]
+    columns = len(grid.header)
+    notes = [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {_latex_escape(line)}}} \\" for line in grid.footnotes]
+    lines = [
+        rf"% {grid.title}; needs \usepackage{{booktabs}}",
+        rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}",
+        r"\toprule",
+        " & ".join(_latex_escape(name) for name in grid.header) + r" \\",
+        r"\midrule",
+        *body,
+        r"\bottomrule",
+        *notes,
+        r"\end{tabular}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+LATEX = MappingProxyType(
+    {
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "†": r"$^\dagger$",
+        "‡": r"$^\ddagger$",
+        **{letter: f"\\{letter}" for letter in "&%$#_{}"},
+    }
+)
+
+
+def _latex_escape(text: str) -> str:
+    return "".join(LATEX.get(letter, letter) for letter in text)
+
+
+WRITERS: Mapping[str, Callable[[Sequence[Grid]], str]] = MappingProxyType({"latex": _latex, "md": _markdown})
+GRID_FORMATS = ("rich", *WRITERS)

@@ -1,0 +1,209 @@
+"""GT-Grid: first visits on walks made by hand, over resets and cuts, and on the solver's paths through KeyDoors."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+import sprl_bench  # noqa: F401 - registers the ids
+from sprl_baselines.bonus import Setting
+from sprl_baselines.gt_grid import GTGrid, GTGridConfig
+from sprl_baselines.learning.rollout import Collector, Decision, Rollout
+from sprl_bench import solver
+
+CPU = torch.device("cpu")
+SIZE = 5
+GRID = spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8)
+ACTIONS = spaces.Discrete(7)
+TURNS = [0, 1]
+Cell = tuple[int, int]
+Walk = list[list[Cell]]  # of one sub-env: its episodes, each the cells from the first to the true successor of the last
+
+A, B, C, D = (1, 1), (2, 1), (1, 2), (3, 3)
+
+
+def gt_grid(num_envs: int, **hyperparameters: Any) -> GTGrid:
+    return GTGrid(Setting(GRID, ACTIONS, num_envs, 0, CPU), GTGridConfig(**hyperparameters))
+
+
+def walked(*walks: Walk) -> Rollout:
+    """Return the rollout in which each sub-env makes its walk, all of the same number of steps.
+
+    The last episode of a walk is cut by the end of the rollout and goes on in the next; `[cell]` alone is an episode
+    that has just begun.
+    """
+    steps = [
+        [(now, then, last and not open_) for now, then, last, open_ in _steps(walk)] for walk in walks
+    ]  # [N][T] of (cell, next cell, ended)
+    before, after, ended = (
+        torch.tensor([[step[part] for step in row] for row in steps]).transpose(0, 1) for part in range(3)
+    )
+    shape = ended.shape
+    zeros, grids = torch.zeros(shape), torch.zeros(*shape, SIZE, SIZE, 3, dtype=torch.uint8)
+    return Rollout(
+        observations=grids,
+        actions=zeros.long(),
+        rewards=zeros,
+        terminated=ended & (torch.arange(shape[0]) % 2 == 0)[:, None],  # either way of ending is an ending
+        truncated=ended & (torch.arange(shape[0]) % 2 == 1)[:, None],
+        values=zeros,
+        log_probs=zeros,
+        last_observations=grids[0],
+        final_observations=torch.zeros(int(ended.sum()), SIZE, SIZE, 3, dtype=torch.uint8),
+        positions=before,
+        next_positions=after,
+    )
+
+
+def _steps(walk: Walk) -> list[tuple[Cell, Cell, bool, bool]]:
+    """Return (cell, next cell, whether that ends its list, whether its episode stays open) for each step."""
+    return [
+        (now, then, place == len(episode) - 2, number == len(walk) - 1)
+        for number, episode in enumerate(walk)
+        for place, (now, then) in enumerate(pairwise(episode))
+    ]
+
+
+def visits(bonus: GTGrid, *walks: Walk) -> list[list[float]]:
+    """Return the rewards, sub-env by sub-env."""
+    return bonus.reward(walked(*walks)).T.tolist()
+
+
+def test_a_cell_pays_at_its_first_visit_only() -> None:
+    """Onward, back to the start, standing still, and on."""
+    assert visits(gt_grid(1, bonus_weight=1.0), [[A, B, A, A, C, B, D]]) == [[1, 0, 0, 1, 0, 1]]
+
+
+def test_the_weight_is_table_1s() -> None:
+    assert visits(gt_grid(1), [[A, B, B]]) == [[pytest.approx(0.01), 0]]
+
+
+def test_the_true_successor_at_the_end_counts_and_the_next_episode_starts_afresh() -> None:
+    """B was visited in the first episode and pays again; C, where the second one starts, does not."""
+    bonus = gt_grid(1, bonus_weight=1.0)
+    assert visits(bonus, [[A, B, D], [C, B, C, D, A]]) == [[1, 1, 1, 0, 1, 1]]
+
+
+def test_a_known_final_cell_pays_nothing() -> None:
+    assert visits(gt_grid(1, bonus_weight=1.0), [[A, B, A], [A, B]]) == [[1, 0, 1]]
+
+
+def test_each_sub_env_has_its_own_memory() -> None:
+    bonus = gt_grid(2, bonus_weight=1.0)
+    assert visits(bonus, [[A, B, A, B]], [[B], [A, D], [A, B, A]]) == [[1, 0, 0], [1, 1, 0]]
+
+
+def test_an_episode_goes_on_over_a_cut_and_not_beyond_its_end() -> None:
+    bonus = gt_grid(1, bonus_weight=1.0)
+    assert visits(bonus, [[A, B, C]]) == [[1, 1]]
+    assert visits(bonus, [[C, B, A, D], [A]]) == [[0, 0, 1]]  # ends with the rollout
+    assert visits(bonus, [[A, D, B, A]]) == [[1, 1, 0]]
+
+
+cells = st.tuples(st.integers(0, 2), st.integers(0, 2))
+walks = st.lists(st.lists(cells, min_size=2, max_size=9), min_size=1, max_size=4)
+
+
+@given(walks, st.integers(1, 30))
+def test_first_visits_against_sets(walk: Walk, at: int) -> None:
+    """Every episode of a walk, in one rollout and in two, against a set of cells for each."""
+    expected = []
+    for episode in walk:
+        seen = {episode[0]}
+        for cell in episode[1:]:
+            expected.append(float(cell not in seen))
+            seen.add(cell)
+    whole = walked([*walk, [A]])
+    assert gt_grid(1, bonus_weight=1.0).reward(whole)[:, 0].tolist() == expected
+    bonus = gt_grid(1, bonus_weight=1.0)
+    parts = [_part(whole, slice(at)), _part(whole, slice(at, None))]
+    assert [reward for part in parts for reward in bonus.reward(part)[:, 0].tolist()] == expected
+
+
+def _part(rollout: Rollout, steps: slice) -> Rollout:
+    """Return some steps; what "position" does not read is left as it is."""
+    fields = {name: getattr(rollout, name) for name in Rollout.__dataclass_fields__}
+    for name in ("rewards", "terminated", "truncated", "positions", "next_positions"):
+        fields[name] = fields[name][steps]
+    return Rollout(**fields)
+
+
+# ------------------------------------------------------------------------------------------ KeyDoors
+
+
+def shortest_paths(observations: Tensor) -> Decision:
+    zeros = torch.zeros(len(observations))
+    return Decision(torch.from_numpy(solver.optimal_actions(observations.numpy())), zeros, zeros)
+
+
+@pytest.fixture(scope="module")
+def key_doors() -> Rollout:
+    """Shortest paths to the goal, several episodes in each sub-env."""
+    envs = gymnasium.make_vec("SPRL/KeyDoors-7x7-v1", num_envs=8)
+    envs.reset(seed=0)
+    collector = Collector(envs, 120, CPU)
+    collector.reset()
+    rollout = collector.collect(shortest_paths)
+    assert rollout.terminated.any(dim=0).all()
+    return rollout
+
+
+def in_key_doors(**hyperparameters: Any) -> GTGrid:
+    single = gymnasium.make("SPRL/KeyDoors-7x7-v1")
+    setting = Setting(single.observation_space, single.action_space, 8, 0, CPU)
+    return GTGrid(setting, GTGridConfig(bonus_weight=1.0, **hyperparameters))
+
+
+def test_of_states_a_shortest_path_repeats_none_but_for_turning(key_doors: Rollout) -> None:
+    """Key and door make a state new where the agent stays; a direction does not."""
+    paid = in_key_doors(visit_key="state").reward(key_doors).bool()
+    turned = torch.isin(key_doors.actions, torch.tensor(TURNS))
+    assert torch.equal(paid, ~turned)
+    assert set(key_doors.actions[paid].tolist()) >= {2, 3, 5}  # forward, pick up, toggle
+
+
+def test_of_cells_only_moves_can_be_new(key_doors: Rollout) -> None:
+    paid = in_key_doors(visit_key="position").reward(key_doors).bool()
+    moved = key_doors.actions == 2
+    assert paid[moved].any()
+    assert not paid[~moved].any()
+    assert paid[key_doors.terminated].all()  # the goal's cell, which is new at each end
+
+
+def test_a_cell_visited_without_the_key_is_new_with_it(key_doors: Rollout) -> None:
+    """Between a return to a known cell and a new one the two keys differ."""
+    by_cell, by_state = (in_key_doors(visit_key=key).reward(key_doors).bool() for key in ("position", "state"))
+    assert (by_state | ~by_cell).all()
+    assert (by_state & ~by_cell & (key_doors.actions == 2)).any()
+
+
+# -------------------------------------------------------------------------------------- wrong spaces
+
+
+@pytest.mark.parametrize("shape", [(16,), (5, 7, 3), (5, 5, 1)])
+def test_observations_without_cells_are_refused(shape: tuple[int, ...]) -> None:
+    space = spaces.Box(0, 255, shape, np.uint8)
+    with pytest.raises(ValueError, match=r"GT-Grid has no cells to count in observations in Box.*: need \(S, S, 3\)"):
+        GTGrid(Setting(space, ACTIONS, 1, 0, CPU), GTGridConfig())
+
+
+def test_an_env_that_reports_no_position_is_refused() -> None:
+    rollout = walked([[A, B]])
+    fields = {name: getattr(rollout, name) for name in Rollout.__dataclass_fields__}
+    nowhere = torch.empty(1, 1, 0, dtype=torch.int64)
+    with pytest.raises(ValueError, match="visit_key='position' needs an env that reports the agent's position"):
+        gt_grid(1).reward(Rollout(**{**fields, "positions": nowhere, "next_positions": nowhere}))
+
+
+def test_another_visit_key_is_refused() -> None:
+    with pytest.raises(ValueError, match="visit_key='pose' must be text, one of 'position', 'state'"):
+        GTGridConfig(visit_key="pose")
