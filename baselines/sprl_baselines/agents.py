@@ -17,6 +17,7 @@ from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
 from sprl_baselines.learning.config import Config, reject_unknown
 from sprl_baselines.learning.moments import RewardNormalizer
+from sprl_baselines.learning.observations import View, view_of
 from sprl_baselines.learning.rollout import Collector, Rollout, clipping, stacked
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
@@ -67,6 +68,7 @@ class LearningAgent:
         bonus = self.bonus.reward(newest)
         learner_metrics = self.learner.update(rollout, self._training_rewards(rollout, bonus), remaining)
         bonus_metrics = self.bonus.update(newest)
+        self._view.update(newest.observations)
         self._steps += rollout.num_steps
         own_metrics = {"bonus": float(bonus.mean()), "reward_deviation": self._normalizer.deviation}
         return {**own_metrics, **learner_metrics, **bonus_metrics}
@@ -88,9 +90,12 @@ class LearningAgent:
             )
         spaces = envs.single_observation_space, envs.single_action_space
         learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
-        self.learner = PPO(stacked(spaces[0], self.config.stack), spaces[1], self.config, learner_seed, self._device)
-        self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device))
-        self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self._device)
+        self._view = self._make_view(spaces[0])
+        self.learner = PPO(
+            stacked(spaces[0], self.config.stack), spaces[1], self._view, self.config, learner_seed, self._device
+        )
+        self.bonus = self._make_bonus(Setting(*spaces, self._view, envs.num_envs, bonus_seed, self._device))
+        self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self.config.reward_clip, self._device)
         self._collector = Collector(
             envs,
             self.config.rollout_length,
@@ -104,6 +109,11 @@ class LearningAgent:
             self._restore(self._saved)
         else:
             self._collector.reset()
+
+    def _make_view(self, space: Space[Any]) -> View:
+        config = self.config
+        view = view_of(space, normalize=config.normalize_observations, clip=config.observation_clip)
+        return view.to(self._device)
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._steps = int(state["steps"])
@@ -149,7 +159,8 @@ class LearningAgent:
         """
         if self.config.stack:
             raise ValueError(f"An agent with stack={self.config.stack} acts on more than one observation at a time.")
-        learner = PPO(observation_space, action_space, self.config, seed, self._device)
+        view = self._make_view(observation_space)
+        learner = PPO(observation_space, action_space, view, self.config, seed, self._device)
         learner.network.load_state_dict((self._saved or self.weights())["learner"]["network"])
         clipped = clipping(action_space)
 

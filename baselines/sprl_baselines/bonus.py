@@ -11,6 +11,7 @@ from gymnasium import Space
 from torch import Tensor
 
 from sprl_baselines.learning.config import Config
+from sprl_baselines.learning.observations import View
 from sprl_baselines.learning.rollout import Rollout
 
 
@@ -52,6 +53,7 @@ class Setting:
 
     observation_space: Space[Any]  # of one sub-env
     action_space: Space[Any]  # of one sub-env
+    view: View  # what networks see of an observation
     num_envs: int
     seed: int
     device: torch.device

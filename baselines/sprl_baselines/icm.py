@@ -25,6 +25,7 @@ from sprl_baselines.learning.config import Config, Count, Positive, Share, Weigh
 from sprl_baselines.learning.distinct import distinct
 from sprl_baselines.learning.grids import GRIDS, grid_shape
 from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
+from sprl_baselines.learning.observations import View
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import restore, saved
 
@@ -72,6 +73,7 @@ class ICM:
         self.network = Dynamics(
             setting.observation_space,
             setting.action_space,
+            setting.view,
             torch.Generator().manual_seed(setting.seed),
             units=config.icm_units,
         ).to(setting.device)
@@ -162,6 +164,7 @@ class Dynamics(nn.Module):
     Args:
         observation_space: Grids `[H, W, 3]` uint8, or a flat Box.
         action_space: Discrete (from 0), or a flat Box.
+        view: What the features see of an observation.
         generator: Source of the initial parameters, on the CPU.
         units: Width of the two models' hidden layers.
 
@@ -170,9 +173,16 @@ class Dynamics(nn.Module):
     """
 
     def __init__(
-        self, observation_space: Space[Any], action_space: Space[Any], generator: torch.Generator, *, units: int
+        self,
+        observation_space: Space[Any],
+        action_space: Space[Any],
+        view: View,
+        generator: torch.Generator,
+        *,
+        units: int,
     ) -> None:
         super().__init__()
+        self.view = view
         self.kind = action_kind(action_space)
         self.phi, features = encoder(observation_space, generator)
         self.forward_model = one_hidden_layer(features + self.kind.size, features, units, generator)
@@ -180,7 +190,7 @@ class Dynamics(nn.Module):
 
     def forward(self, transitions: Transitions) -> Foresight:
         """Compute phi once for each distinct observation, and what both models say."""
-        before, after = self.phi(transitions.observations)[transitions.places].unbind(1)
+        before, after = self.phi(self.view(transitions.observations))[transitions.places].unbind(1)
         predicted = self.forward_model(torch.cat((before, self.kind.encode(transitions.actions)), dim=1))
         errors = ERROR_SCALE * (predicted - after).square().mean(dim=1)
         return Foresight(errors, self.inverse_model(torch.cat((before, after), dim=1)), after)

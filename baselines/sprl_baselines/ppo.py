@@ -20,6 +20,7 @@ from sprl_baselines.learning.config import Choice, Config, Count, Positive, Rang
 from sprl_baselines.learning.distinct import distinct
 from sprl_baselines.learning.distributions import Distribution
 from sprl_baselines.learning.networks import GRID_ENCODINGS, actor_critic
+from sprl_baselines.learning.observations import View
 from sprl_baselines.learning.returns import generalized_advantages, successor_values
 from sprl_baselines.learning.rollout import Decision, Rollout
 from sprl_baselines.learning.training_state import restore, saved
@@ -48,6 +49,9 @@ class PPOConfig(Config):
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
     # Divide the env's reward, alone or joint with the bonus, by the running deviation of its discounted sum (G.3).
     reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = "none"
+    reward_clip: Weight = 0.0  # largest absolute value of a normalised reward; 0 for no limit
+    normalize_observations: bool = False  # by the running mean and deviation of each component
+    observation_clip: Positive = 5.0  # largest absolute value of a normalised component
     action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
     stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
     # Grid cells as numbers: "scaled" by their largest codes, or "one-hot".
@@ -62,6 +66,8 @@ class PPOConfig(Config):
             raise ValueError(
                 f"Hyperparameter minibatches={self.minibatches} must be at most num_envs * rollout_length, {samples}."
             )
+        if self.normalize_observations and self.stack:
+            raise ValueError(f"Hyperparameter stack={self.stack} must be 0 where normalize_observations is true.")
 
 
 class PPO:
@@ -70,6 +76,7 @@ class PPO:
     Args:
         observation_space: Of one sub-env.
         action_space: Of one sub-env.
+        view: What the networks see of an observation.
         config: Hyperparameters.
         seed: Source of the initial parameters, of the actions and of the order of minibatches.
         device: Where to compute; on the CPU, same seed and same number of torch threads mean same bits.
@@ -79,6 +86,7 @@ class PPO:
         self,
         observation_space: Space[Any],
         action_space: Space[Any],
+        view: View,
         config: PPOConfig,
         seed: int,
         device: torch.device,
@@ -88,6 +96,7 @@ class PPO:
         self.network = actor_critic(
             observation_space,
             action_space,
+            view,
             torch.Generator().manual_seed(seed),
             grid_encoding=config.grid_encoding,
             mlp_layers=config.mlp_layers,

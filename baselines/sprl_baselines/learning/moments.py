@@ -49,11 +49,12 @@ class RewardNormalizer:
     Args:
         num_envs: Sub-envs N, each with its own open sum.
         gamma: Discount per env step.
+        clip: Largest absolute value of a scaled reward; 0 for no limit.
         device: Where the rewards are.
     """
 
-    def __init__(self, num_envs: int, gamma: float, device: torch.device) -> None:
-        self._gamma = gamma
+    def __init__(self, num_envs: int, gamma: float, clip: float, device: torch.device) -> None:
+        self._gamma, self._clip = gamma, clip or torch.inf
         self._sums = torch.zeros(num_envs, dtype=torch.float64, device=device)
         self._moments = RunningVariance()
 
@@ -70,7 +71,7 @@ class RewardNormalizer:
             ended: Whether an episode ended with this step, `[T, N]` bool; the next step's sum begins anew.
         """
         self._moments.update(self._discounted_sums(rewards.double(), ended))
-        return rewards / self.deviation
+        return (rewards / self.deviation).clamp(-self._clip, self._clip)
 
     def _discounted_sums(self, rewards: Tensor, ended: Tensor) -> Tensor:
         """Each step's sum of rewards so far in its episode, `[T, N]`."""

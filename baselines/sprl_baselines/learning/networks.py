@@ -18,6 +18,7 @@ from torch.nn.utils import skip_init
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
 from sprl_baselines.learning.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.observations import View
 
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
@@ -40,8 +41,11 @@ class ActorCritic(nn.Module):
     `value_trunk` may be the same module as `policy_trunk`: it then runs, and is stored, once.
     """
 
-    def __init__(self, policy_trunk: nn.Module, value_trunk: nn.Module, head: Head, value: nn.Module) -> None:
+    def __init__(
+        self, view: View, policy_trunk: nn.Module, value_trunk: nn.Module, head: Head, value: nn.Module
+    ) -> None:
         super().__init__()
+        self.view = view
         self.policy_trunk = policy_trunk
         self.head = head
         self.value = value
@@ -51,20 +55,22 @@ class ActorCritic(nn.Module):
 
     def forward(self, observations: Tensor) -> tuple[Distribution, Tensor]:
         """The action distribution for each of B observations, and their values `[B]`."""
-        features = self.policy_trunk(observations)
-        value_features = features if self.shared else self.value_trunk(observations)
+        seen = self.view(observations)
+        features = self.policy_trunk(seen)
+        value_features = features if self.shared else self.value_trunk(seen)
         return self.head(features), self.value(value_features).squeeze(-1)
 
     def values(self, observations: Tensor) -> Tensor:
         """The values alone, `[B]`."""
         trunk = self.policy_trunk if self.shared else self.value_trunk
-        values: Tensor = self.value(trunk(observations)).squeeze(-1)
+        values: Tensor = self.value(trunk(self.view(observations))).squeeze(-1)
         return values
 
 
 def actor_critic(
     observation_space: spaces.Space[Any],
     action_space: spaces.Space[Any],
+    view: View,
     generator: torch.Generator,
     *,
     grid_encoding: str = "scaled",
@@ -77,6 +83,7 @@ def actor_critic(
         observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
             flat `Box`.
         action_space: `Discrete`, or a flat `Box`.
+        view: what the network sees of an observation.
         generator: source of the initial parameters, on the CPU.
         grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
         mlp_layers: hidden layers of the MLP for flat observations.
@@ -95,7 +102,7 @@ def actor_critic(
     else:
         raise ValueError(f"No network for observations in {observation_space}: need {GRIDS} or a flat Box.")
     head = policy_head(features, action_space, generator)
-    return ActorCritic(policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
+    return ActorCritic(view, policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
 
 
 def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
@@ -175,22 +182,14 @@ def grid_convolutions(
 
 
 def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) -> nn.Sequential:
-    """The MLP of appendix G.4, `[B, inputs]` of any number type -> `[B, units]`."""
+    """The MLP of appendix G.4, `[B, inputs]` float32 -> `[B, units]`."""
     sizes = [inputs] + [units] * layers
     hidden = [
         module
         for fan_in, fan_out in pairwise(sizes)
         for module in (linear(fan_in, fan_out, RELU_GAIN, generator), nn.ReLU(inplace=True))
     ]
-    return nn.Sequential(ToFloat(), *hidden)
-
-
-class ToFloat(nn.Module):
-    """Casts observations to single precision."""
-
-    def forward(self, observations: Tensor) -> Tensor:
-        """`[B, D]` -> `[B, D]` float32."""
-        return observations.float()
+    return nn.Sequential(*hidden)
 
 
 class ScaledCells(nn.Module):

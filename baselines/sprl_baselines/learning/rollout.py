@@ -119,6 +119,7 @@ class Collector:
         self._stack = stack
         self._observations: Array = np.empty(0)  # [N, ...]
         self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
+        self._taken = 0  # steps of each sub-env
 
     def reset(self) -> None:
         """Start new episodes everywhere, with the seeds that the envs already hold."""
@@ -140,6 +141,8 @@ class Collector:
         actions = self._clipped(self._perturbed(decision.actions.cpu()).numpy())
         seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
         following, rewards, terminated, truncated, infos = self._envs.step(actions)
+        self._taken += 1
+        _refuse_not_finite(following, self._taken)
         tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
         tape.decisions.append(decision)
         before, ended = seen[0], terminated | truncated
@@ -174,12 +177,14 @@ class Collector:
         return {
             "observations": self._observations.copy(),
             "positions": self._positions.copy(),
+            "taken": self._taken,
             "generator": self._generator.get_state(),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from what the envs showed last, instead of a reset."""
         self._observations, self._positions = np.array(state["observations"]), np.array(state["positions"])
+        self._taken = int(state["taken"])
         self._generator.set_state(state["generator"].cpu())
 
 
@@ -217,6 +222,18 @@ class _Tape:
             positions=tensor(positions),
             next_positions=tensor(next_positions),
         )
+
+
+def _refuse_not_finite(observations: Array, step: int) -> None:
+    """Stop at an observation that holds a number that is not finite, before anything learns from it.
+
+    Raises:
+        ValueError: One does; the message names the sub-env and its step.
+    """
+    if observations.dtype.kind == "f" and not np.isfinite(observations).all():
+        rows = np.isfinite(observations.reshape(len(observations), -1)).all(axis=1)
+        env = int(np.flatnonzero(~rows)[0])
+        raise ValueError(f"The observation of sub-environment {env} after its step {step} is not finite.")
 
 
 def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:

@@ -6,7 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 # Of PPO's frame, about which the paper is silent, what differs from that of the grids.
-FRAME: Mapping[str, Any] = {"rollout_length": 256, "anneal_clip_range": False, "anneal_learning_rate": False}
+FRAME: Mapping[str, Any] = {
+    "rollout_length": 256,
+    "anneal_clip_range": False,
+    "anneal_learning_rate": False,
+    "normalize_observations": True,
+}
 # Table 5's final values, and G.3's normalisation of rewards. The table has no GT-Grid, as there are no cells.
 COMMON: Mapping[str, Any] = {
     **FRAME,

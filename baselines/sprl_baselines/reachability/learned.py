@@ -46,6 +46,7 @@ class LearnedReachability:
         self._generator = torch.Generator().manual_seed(setting.seed)
         self.network = reachability_network(
             setting.observation_space,
+            setting.view,
             self._generator,
             grid_encoding=config.reachability_grid_encoding,
             embedding_units=config.embedding_units,

@@ -20,10 +20,10 @@ from sprl_baselines.learning.networks import (
     RELU_GAIN,
     VALUE_GAIN,
     CReLU,
-    ToFloat,
     grid_convolutions,
     linear,
 )
+from sprl_baselines.learning.observations import View
 
 PAIR_INPUTS = ("pair", "difference")
 
@@ -94,6 +94,7 @@ class ReachabilityNetwork(nn.Module):
 
 def reachability_network(
     observation_space: Space[Any],
+    view: View,
     generator: torch.Generator,
     *,
     grid_encoding: str,
@@ -109,10 +110,12 @@ def reachability_network(
     """
     if grid := grid_shape(observation_space):
         convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
-        embedding = nn.Sequential(*convolutions, linear(features, embedding_units, CRELU_GAIN, generator), CReLU())
+        embedding = nn.Sequential(
+            view, *convolutions, linear(features, embedding_units, CRELU_GAIN, generator), CReLU()
+        )
         size = 2 * embedding_units
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
-        embedding, size = nn.Sequential(ToFloat()), observation_space.shape[0]
+        embedding, size = nn.Sequential(view), observation_space.shape[0]
     else:
         raise ValueError(
             f"No reachability network for observations in {observation_space}: need {GRIDS} or a flat Box."
