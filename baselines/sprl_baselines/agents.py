@@ -19,6 +19,7 @@ from sprl_baselines.learning.config import Config, reject_unknown
 from sprl_baselines.learning.moments import RewardNormalizer
 from sprl_baselines.learning.observations import View, view_of
 from sprl_baselines.learning.rollout import Collector, Rollout, clipping, stacked
+from sprl_baselines.learning.training_state import load_weights
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
@@ -91,11 +92,10 @@ class LearningAgent:
         spaces = envs.single_observation_space, envs.single_action_space
         learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
         self._view = self._make_view(spaces[0])
-        self.learner = PPO(
-            stacked(spaces[0], self.config.stack), spaces[1], self._view, self.config, learner_seed, self._device
-        )
-        self.bonus = self._make_bonus(Setting(*spaces, self._view, envs.num_envs, bonus_seed, self._device))
-        self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self.config.reward_clip, self._device)
+        observed = stacked(spaces[0], self.config.stack)
+        self.learner = PPO(observed, spaces[1], self.config, learner_seed, self._device, self._view)
+        self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device, self._view))
+        self._normalizer = RewardNormalizer(envs.num_envs, self.config.gamma, self._device, self.config.reward_clip)
         self._collector = Collector(
             envs,
             self.config.rollout_length,
@@ -154,14 +154,14 @@ class LearningAgent:
         """Return how the agent acts in a single environment by the state it was given: by chance, as in training.
 
         Raises:
-            ValueError: The agent acts on more than one observation.
+            ValueError: The agent acts on more than one observation, or the state is of another network.
             RuntimeError: There is no state to act by.
         """
         if self.config.stack:
             raise ValueError(f"An agent with stack={self.config.stack} acts on more than one observation at a time.")
         view = self._make_view(observation_space)
-        learner = PPO(observation_space, action_space, view, self.config, seed, self._device)
-        learner.network.load_state_dict((self._saved or self.weights())["learner"]["network"])
+        learner = PPO(observation_space, action_space, self.config, seed, self._device, view)
+        load_weights(learner.network, (self._saved or self.weights())["learner"]["network"])
         clipped = clipping(action_space)
 
         def act(observation: Any) -> Any:

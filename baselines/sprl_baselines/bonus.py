@@ -11,7 +11,7 @@ from gymnasium import Space
 from torch import Tensor
 
 from sprl_baselines.learning.config import Config
-from sprl_baselines.learning.observations import View
+from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.rollout import Rollout
 
 
@@ -53,10 +53,10 @@ class Setting:
 
     observation_space: Space[Any]  # of one sub-env
     action_space: Space[Any]  # of one sub-env
-    view: View  # what networks see of an observation
     num_envs: int
     seed: int
     device: torch.device
+    view: View = RAW  # what networks see of an observation
 
 
 @dataclass(frozen=True)

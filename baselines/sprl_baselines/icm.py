@@ -25,7 +25,7 @@ from sprl_baselines.learning.config import Config, Count, Positive, Share, Weigh
 from sprl_baselines.learning.distinct import distinct
 from sprl_baselines.learning.grids import GRIDS, grid_shape
 from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
-from sprl_baselines.learning.observations import View
+from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import restore, saved
 
@@ -73,8 +73,8 @@ class ICM:
         self.network = Dynamics(
             setting.observation_space,
             setting.action_space,
-            setting.view,
             torch.Generator().manual_seed(setting.seed),
+            view=setting.view,
             units=config.icm_units,
         ).to(setting.device)
         self._optimizer = torch.optim.Adam(
@@ -164,8 +164,8 @@ class Dynamics(nn.Module):
     Args:
         observation_space: Grids `[H, W, 3]` uint8, or a flat Box.
         action_space: Discrete (from 0), or a flat Box.
-        view: What the features see of an observation.
         generator: Source of the initial parameters, on the CPU.
+        view: What the features see of an observation.
         units: Width of the two models' hidden layers.
 
     Raises:
@@ -176,9 +176,9 @@ class Dynamics(nn.Module):
         self,
         observation_space: Space[Any],
         action_space: Space[Any],
-        view: View,
         generator: torch.Generator,
         *,
+        view: View = RAW,
         units: int,
     ) -> None:
         super().__init__()

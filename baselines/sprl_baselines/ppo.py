@@ -20,7 +20,7 @@ from sprl_baselines.learning.config import Choice, Config, Count, Positive, Rang
 from sprl_baselines.learning.distinct import distinct
 from sprl_baselines.learning.distributions import Distribution
 from sprl_baselines.learning.networks import GRID_ENCODINGS, actor_critic
-from sprl_baselines.learning.observations import View
+from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.returns import generalized_advantages, successor_values
 from sprl_baselines.learning.rollout import Decision, Rollout
 from sprl_baselines.learning.training_state import restore, saved
@@ -76,28 +76,28 @@ class PPO:
     Args:
         observation_space: Of one sub-env.
         action_space: Of one sub-env.
-        view: What the networks see of an observation.
         config: Hyperparameters.
         seed: Source of the initial parameters, of the actions and of the order of minibatches.
         device: Where to compute; on the CPU, same seed and same number of torch threads mean same bits.
+        view: What the networks see of an observation.
     """
 
     def __init__(
         self,
         observation_space: Space[Any],
         action_space: Space[Any],
-        view: View,
         config: PPOConfig,
         seed: int,
         device: torch.device,
+        view: View = RAW,
     ) -> None:
         self.config = config
         self._generator = torch.Generator(device).manual_seed(seed)
         self.network = actor_critic(
             observation_space,
             action_space,
-            view,
             torch.Generator().manual_seed(seed),
+            view=view,
             grid_encoding=config.grid_encoding,
             mlp_layers=config.mlp_layers,
             mlp_units=config.mlp_units,

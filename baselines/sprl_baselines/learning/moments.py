@@ -49,11 +49,11 @@ class RewardNormalizer:
     Args:
         num_envs: Sub-envs N, each with its own open sum.
         gamma: Discount per env step.
-        clip: Largest absolute value of a scaled reward; 0 for no limit.
         device: Where the rewards are.
+        clip: Largest absolute value of a scaled reward; 0 for no limit.
     """
 
-    def __init__(self, num_envs: int, gamma: float, clip: float, device: torch.device) -> None:
+    def __init__(self, num_envs: int, gamma: float, device: torch.device, clip: float = 0.0) -> None:
         self._gamma, self._clip = gamma, clip or torch.inf
         self._sums = torch.zeros(num_envs, dtype=torch.float64, device=device)
         self._moments = RunningVariance()

@@ -18,7 +18,7 @@ from torch.nn.utils import skip_init
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
 from sprl_baselines.learning.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.learning.grids import GRIDS, grid_shape
-from sprl_baselines.learning.observations import View
+from sprl_baselines.learning.observations import RAW, View
 
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
@@ -70,9 +70,9 @@ class ActorCritic(nn.Module):
 def actor_critic(
     observation_space: spaces.Space[Any],
     action_space: spaces.Space[Any],
-    view: View,
     generator: torch.Generator,
     *,
+    view: View = RAW,
     grid_encoding: str = "scaled",
     mlp_layers: int = 4,
     mlp_units: int = 256,
@@ -83,8 +83,8 @@ def actor_critic(
         observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
             flat `Box`.
         action_space: `Discrete`, or a flat `Box`.
-        view: what the network sees of an observation.
         generator: source of the initial parameters, on the CPU.
+        view: what the network sees of an observation.
         grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
         mlp_layers: hidden layers of the MLP for flat observations.
         mlp_units: width of each.

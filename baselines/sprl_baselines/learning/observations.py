@@ -12,21 +12,15 @@ import torch
 from gymnasium import Space, spaces
 from torch import Tensor, nn
 
-from sprl_baselines.learning.grids import grid_shape
-
 SMALLEST_VARIANCE = 1e-8  # so that a component that never changes stays near 0
 
 
 class RawObservations(nn.Module):
-    """Observations as they are; numbers in single precision, grid cells in their own type."""
-
-    def __init__(self, *, is_grid: bool) -> None:
-        super().__init__()
-        self._is_grid = is_grid
+    """Observations as they are: flat ones in single precision, grids in their own type."""
 
     def forward(self, observations: Tensor) -> Tensor:
-        """`[B, ...]` -> `[B, ...]`."""
-        return observations if self._is_grid else observations.float()
+        """`[B, D]` -> `[B, D]` float32; `[B, H, W, C]` -> the same."""
+        return observations.float() if observations.ndim == 2 else observations
 
     def update(self, observations: Tensor) -> None:
         """Learn nothing."""
@@ -72,6 +66,7 @@ class NormalizedObservations(nn.Module):
 
 
 View = RawObservations | NormalizedObservations
+RAW = RawObservations()
 
 
 def view_of(space: Space[Any], *, normalize: bool, clip: float) -> View:
@@ -81,7 +76,7 @@ def view_of(space: Space[Any], *, normalize: bool, clip: float) -> View:
         ValueError: Observations are to be normalised, and are not a flat `Box`.
     """
     if not normalize:
-        return RawObservations(is_grid=grid_shape(space) is not None)
+        return RawObservations()
     if not isinstance(space, spaces.Box) or len(space.shape) != 1:
         raise ValueError(f"normalize_observations is True; it must be False where observations are in {space}.")
     return NormalizedObservations(space.shape[0], clip)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 from torch.optim import Optimizer
 
 
@@ -20,6 +20,20 @@ def saved(network: nn.Module, optimizer: Optimizer, generator: torch.Generator) 
         },
         "generator": generator.get_state(),
     }
+
+
+def load_weights(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
+    """Give a network the weights of a trained one.
+
+    Raises:
+        ValueError: They are of another network, or lack the moments that observations are normalised by.
+    """
+    own = network.state_dict().keys()
+    if missing := sorted(own - weights.keys()):
+        raise ValueError(f"The weights lack {missing[0]}, which the agent's hyperparameters ask for.")
+    if unknown := sorted(weights.keys() - own):
+        raise ValueError(f"The weights hold {unknown[0]}, for which the agent's hyperparameters have no use.")
+    network.load_state_dict(weights)
 
 
 def restore(network: nn.Module, optimizer: Optimizer, generator: torch.Generator, state: Mapping[str, Any]) -> None:

@@ -46,8 +46,8 @@ class LearnedReachability:
         self._generator = torch.Generator().manual_seed(setting.seed)
         self.network = reachability_network(
             setting.observation_space,
-            setting.view,
             self._generator,
+            view=setting.view,
             grid_encoding=config.reachability_grid_encoding,
             embedding_units=config.embedding_units,
             layers=config.head_layers,

@@ -23,7 +23,7 @@ from sprl_baselines.learning.networks import (
     grid_convolutions,
     linear,
 )
-from sprl_baselines.learning.observations import View
+from sprl_baselines.learning.observations import RAW, View
 
 PAIR_INPUTS = ("pair", "difference")
 
@@ -94,9 +94,9 @@ class ReachabilityNetwork(nn.Module):
 
 def reachability_network(
     observation_space: Space[Any],
-    view: View,
     generator: torch.Generator,
     *,
+    view: View = RAW,
     grid_encoding: str,
     embedding_units: int,
     layers: int,
