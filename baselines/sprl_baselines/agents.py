@@ -15,9 +15,10 @@ from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
+from sprl_baselines.learning.collector import Collector, clipping, stacked
 from sprl_baselines.learning.config import Config, reject_unknown
 from sprl_baselines.learning.moments import RewardNormalizer
-from sprl_baselines.learning.rollout import Collector, Rollout, clipping, stacked
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
@@ -73,13 +74,9 @@ class LearningAgent:
 
     def _training_rewards(self, rollout: Rollout, bonus: torch.Tensor) -> torch.Tensor:
         """Return what the learner learns from, `[T, N]`: the two rewards in one new tensor."""
-        match self.config.reward_normalization:
-            case "extrinsic":
-                return self._normalizer(rollout.rewards, rollout.ended) + bonus
-            case "joint":
-                return self._normalizer(rollout.rewards + bonus, rollout.ended)
-            case _:
-                return rollout.rewards + bonus
+        if self.config.reward_normalization == "extrinsic":
+            return self._normalizer(rollout.rewards, rollout.ended) + bonus
+        return rollout.rewards + bonus
 
     def _start(self, envs: Envs) -> None:
         if envs.num_envs != self.config.num_envs:

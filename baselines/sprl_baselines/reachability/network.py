@@ -96,7 +96,6 @@ def reachability_network(
     observation_space: Space[Any],
     generator: torch.Generator,
     *,
-    grid_encoding: str,
     embedding_units: int,
     layers: int,
     units: int,
@@ -108,7 +107,7 @@ def reachability_network(
         ValueError: There is no network for such observations.
     """
     if grid := grid_shape(observation_space):
-        convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
+        convolutions, features = grid_convolutions(*grid, generator)
         embedding = nn.Sequential(*convolutions, linear(features, embedding_units, CRELU_GAIN, generator), CReLU())
         size = 2 * embedding_units
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
