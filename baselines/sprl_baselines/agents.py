@@ -15,10 +15,11 @@ from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
+from sprl_baselines.learning.collector import Collector, clipping, stacked
 from sprl_baselines.learning.config import Config, reject_unknown
 from sprl_baselines.learning.moments import RewardNormalizer
 from sprl_baselines.learning.observations import View, view_of
-from sprl_baselines.learning.rollout import Collector, Rollout, clipping, stacked
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import load_weights
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.config import Count, Share, Weight
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.reachability import Judge, LearnedReachability, Reachability, ReachabilityConfig, judge_pairs
 
 
@@ -55,9 +55,9 @@ class ECO:
     def _familiarity(self, rollout: Rollout) -> Tensor:
         """Walk through a rollout, remembering what is novel, `[T, N]`."""
         memory = self._memory if len(self._memory) else self._blank(rollout)
-        states = torch.cat((memory, rollout.observations, rollout.last_observations.unsqueeze(0)))
+        states = Rows.of(memory.flatten(0, 1)) + rollout.visited
         episodes = _Episodes(states, self._counts, self.config, self._generator)
-        judge = judge_pairs(self.reachability, episodes.states)
+        judge = judge_pairs(self.reachability, states)
         familiarity = torch.empty_like(rollout.rewards)
         for step, ended in enumerate(rollout.ended):
             row = self.config.memory_size + step
@@ -97,15 +97,15 @@ class _Episodes:
     """The memories of N open episodes, as indices into the states of a rollout and what was remembered before it.
 
     Args:
-        states: `[M + T + 1, N, ...]`, the first M of them the memories.
+        states: `[(M + T + 1) * N]`, the first M * N of them the memories.
         counts: States remembered, `[N]`.
         config: Sizes.
         generator: Chooses what a full memory replaces.
     """
 
-    def __init__(self, states: Tensor, counts: Tensor, config: ECOConfig, generator: torch.Generator) -> None:
-        self.states, self.counts = states.flatten(0, 1), counts.clone()
-        self._shape, self._config, self._generator = states.shape, config, generator
+    def __init__(self, states: Rows, counts: Tensor, config: ECOConfig, generator: torch.Generator) -> None:
+        self._states, self.counts = states, counts.clone()
+        self._config, self._generator = config, generator
         self._envs = torch.arange(len(counts), device=counts.device)
         rows = torch.arange(config.memory_size, device=counts.device)
         self._slots = rows * len(counts) + self._envs.unsqueeze(1)  # [N, M] indices of states
@@ -129,7 +129,7 @@ class _Episodes:
 
     def memory(self) -> Tensor:
         """Return the remembered states themselves, `[M, N, ...]`."""
-        return self.states[self._slots.T.flatten()].view(-1, *self._shape[1:])
+        return self._states[self._slots.T].expanded()
 
 
 def _quantile(values: Tensor, counts: Tensor, quantile: float) -> Tensor:

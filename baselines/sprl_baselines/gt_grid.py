@@ -7,21 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import torch
-from gymnasium import Space
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.config import Choice, Config, Weight
-from sprl_baselines.learning.grids import SQUARE_GRID, grid_shape
+from sprl_baselines.learning.config import Config, Weight
+from sprl_baselines.learning.grids import square_grid_side
 from sprl_baselines.learning.rollout import Rollout
-from sprl_bench import solver
-
-Places = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -29,8 +25,6 @@ class GTGridConfig(Config):
     """Hyperparameters of GT-Grid."""
 
     bonus_weight: Weight = 0.01  # reward for the first visit of a place in its episode (Table 1)
-    # What makes a place: the agent's cell, or with it whether the key is in hand and the door open.
-    visit_key: Annotated[str, Choice("position", "state")] = "position"
 
 
 class GTGrid:
@@ -51,13 +45,12 @@ class GTGrid:
 
     def __init__(self, setting: Setting, config: GTGridConfig) -> None:
         self._config = config
-        self._size = _size(setting.observation_space)
-        places = self._size**2 * (1 if config.visit_key == "position" else 4)
-        self._visited = np.zeros((setting.num_envs, places), dtype=np.bool_)
+        self._side = square_grid_side(setting.observation_space)
+        self._visited = np.zeros((setting.num_envs, self._side**2), dtype=np.bool_)
 
     def reward(self, rollout: Rollout) -> Tensor:
         """Return the weight where the true successor's place is new in the episode, else 0, `[T, N]`."""
-        before, after = self._places(rollout)
+        before, after = self._cells(rollout.positions), self._cells(rollout.next_positions)
         ended = rollout.ended.cpu().numpy()
         is_new = np.empty_like(ended)
         env = np.arange(ended.shape[1])
@@ -67,18 +60,12 @@ class GTGrid:
             self._visited[ended[step]] = False
         return self._config.bonus_weight * torch.from_numpy(is_new).to(rollout.rewards)
 
-    def _places(self, rollout: Rollout) -> tuple[Places, Places]:
-        """Number the places before and after each step, both `[T, N]`."""
-        if self._config.visit_key == "position":
-            return self._cells(rollout.positions), self._cells(rollout.next_positions)
-        return _states(rollout.observations), _states(rollout.next_observations)
-
-    def _cells(self, positions: Tensor) -> Places:
-        """Number the cells (x, y) of `[T, N, 2]`."""
+    def _cells(self, positions: Tensor) -> npt.NDArray[np.int64]:
+        """Number the cells (x, y) of `[T, N, 2]`, `[T, N]`."""
         if positions.shape[-1] != 2:
-            raise ValueError("Hyperparameter visit_key='position' needs an env that reports the agent's position.")
+            raise ValueError(f"positions has the shape {tuple(positions.shape)}; it must be (T, N, 2).")
         x, y = np.moveaxis(positions.cpu().numpy(), -1, 0)
-        cells: Places = y * self._size + x
+        cells: npt.NDArray[np.int64] = y * self._side + x
         return cells
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:  # noqa: ARG002 - there is nothing to train
@@ -92,21 +79,3 @@ class GTGrid:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take such places."""
         self._visited = np.array(state["visited"])
-
-
-def _size(space: Space[Any]) -> int:
-    """Return the number of cells along each side of a grid."""
-    match grid_shape(space):
-        case (height, width, 1) if height == width:
-            return height
-        case _:
-            raise ValueError(f"GT-Grid has no cells to count in observations in {space}: need {SQUARE_GRID}.")
-
-
-def _states(observations: Tensor) -> Places:
-    """Number the states (cell, key in hand, door open) that `[T, N, S, S, 3]` show."""
-    size = observations.shape[2]
-    state = solver.parse(observations.flatten(0, 1).cpu().numpy())
-    in_hand, is_open = state.key == size**2, state.door_state == 0
-    places: Places = (state.agent * 2 + in_hand) * 2 + is_open
-    return places.reshape(observations.shape[:2])

@@ -8,7 +8,7 @@ Tables 1 and 5 do.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import prod
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -22,11 +22,11 @@ from torch.nn.utils import clip_grad_norm_
 from sprl_baselines.bonus import Setting
 from sprl_baselines.kernels.strided_convolution import CHANNELS, StridedConvolution
 from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight
-from sprl_baselines.learning.distinct import distinct
 from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
 from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
 from sprl_baselines.learning.observations import RAW, View
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
 
 ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
@@ -93,18 +93,10 @@ class ICM:
         Raises:
             ValueError: There are more minibatches than transitions.
         """
-        statistics = [self._gradient_step(batch) for batch in self._minibatches(Transitions.of(rollout))]
-        means = torch.stack([torch.stack(list(step.values())) for step in statistics]).mean(dim=0).tolist()
-        return dict(zip(statistics[0], means, strict=True))
-
-    def _minibatches(self, transitions: Transitions) -> Iterator[Transitions]:
-        """Go through all transitions `icm_epochs` times, each time in a new order."""
-        count = len(transitions.actions)
-        self._config.check_rollout(count)
-        for _ in range(self._config.icm_epochs):
-            order = torch.randperm(count, generator=self._generator, device=self._generator.device)
-            for indices in order.tensor_split(self._config.icm_minibatches):
-                yield transitions.take(indices)
+        config, transitions = self._config, Transitions.of(rollout)
+        config.check_rollout(len(transitions))
+        batches = shuffled_minibatches(transitions, config.icm_epochs, config.icm_minibatches, self._generator)
+        return train(self._gradient_step, batches)
 
     def _gradient_step(self, batch: Transitions) -> dict[str, Tensor]:
         foreseen = self.network(batch)
@@ -130,24 +122,16 @@ class ICM:
 
 
 @dataclass(frozen=True)
-class Transitions:
-    """B steps to learn from, in no order."""
+class Transitions(Batch):
+    """B steps to learn from, in any order."""
 
-    observations: Tensor  # [D, ...] the distinct ones
-    places: Tensor  # [B, 2] of each step's observation and of its true successor among them
+    observations: Rows  # [B, 2] each step's observation and its true successor
     actions: Tensor  # [B] or [B, A], as drawn from the policy
 
     @classmethod
     def of(cls, rollout: Rollout) -> Transitions:
         """Flatten a rollout."""
-        pairs = torch.stack((rollout.observations, rollout.next_observations), dim=2)  # [T, N, 2, ...]
-        observations, places = distinct(pairs.flatten(0, 2))
-        return cls(observations, places.view(-1, 2), rollout.actions.flatten(0, 1))
-
-    def take(self, indices: Tensor) -> Transitions:
-        """Return the steps at these indices, with none but their own observations."""
-        needed, places = self.places[indices].unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
-        return Transitions(self.observations.index_select(0, needed), places, self.actions[indices])
+        return cls(rollout.transitions, rollout.actions.flatten(0, 1))
 
 
 class Foresight(NamedTuple):
@@ -189,8 +173,8 @@ class Dynamics(nn.Module):
         self.inverse_model = one_hidden_layer(2 * features, self.kind.size, units, generator)
 
     def forward(self, transitions: Transitions) -> Foresight:
-        """Compute phi once for each distinct observation, and what both models say."""
-        before, after = self.phi(self.view(transitions.observations))[transitions.places].unbind(1)
+        """Compute the features, and both models' answers."""
+        before, after = transitions.observations.through(lambda rows: self.phi(self.view(rows))).unbind(1)
         predicted = self.forward_model(torch.cat((before, self.kind.encode(transitions.actions)), dim=1))
         errors = ERROR_SCALE * (predicted - after).square().mean(dim=1)
         return Foresight(errors, self.inverse_model(torch.cat((before, after), dim=1)), after)

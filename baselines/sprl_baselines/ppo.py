@@ -7,8 +7,8 @@ settings, except where a sweep decided (docs/ppo-sweep.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import torch
@@ -16,13 +16,13 @@ from gymnasium import Space
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
+from sprl_baselines.learning.collector import Decision
 from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
-from sprl_baselines.learning.distinct import distinct
-from sprl_baselines.learning.distributions import Distribution
-from sprl_baselines.learning.networks import GRID_ENCODINGS, actor_critic
+from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
+from sprl_baselines.learning.networks import actor_critic
 from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.returns import generalized_advantages, successor_values
-from sprl_baselines.learning.rollout import Decision, Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
 
 
@@ -47,15 +47,14 @@ class PPOConfig(Config):
     clip_value: bool = True  # bound the value's move by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
-    # Divide the env's reward, alone or joint with the bonus, by the running deviation of its discounted sum (G.3).
+    # Divide the env's reward, alone or joint with the bonus, by the running standard deviation of its discounted sum
+    # (appendix G.3).
     reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = "none"
     reward_clip: Weight = 0.0  # largest absolute value of a normalised reward; 0 for no limit
     normalize_observations: bool = False  # by the running mean and deviation of each component
     observation_clip: Positive = 5.0  # largest absolute value of a normalised component
     action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
     stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
-    # Grid cells as numbers: "scaled" by their largest codes, or "one-hot".
-    grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
 
@@ -98,7 +97,6 @@ class PPO:
             action_space,
             torch.Generator().manual_seed(seed),
             view=view,
-            grid_encoding=config.grid_encoding,
             mlp_layers=config.mlp_layers,
             mlp_units=config.mlp_units,
         ).to(device)
@@ -108,15 +106,10 @@ class PPO:
 
     def act(self, observations: Tensor) -> Decision:
         """Draw an action for each of N observations."""
-        distribution, values = self.network(observations)
+        parameters, values = self.network(observations)
+        distribution = self.network.head.distribution(parameters)
         actions = distribution.sample(self._generator)
         return Decision(actions, distribution.log_prob(actions), values)
-
-    def act_greedily(self, observations: Tensor) -> Tensor:
-        """Return the most likely action for each of N observations."""
-        with torch.inference_mode():
-            actions: Tensor = self.network(observations)[0].mode()
-        return actions
 
     def update(self, rollout: Rollout, training_rewards: Tensor, remaining: float = 1.0) -> dict[str, float]:
         """Improve the policy on one rollout.
@@ -134,10 +127,9 @@ class PPO:
         for group in self._optimizer.param_groups:
             group["lr"] = learning_rate
         samples = self._samples(rollout, training_rewards)
-        statistics = [self._gradient_step(batch, clip_range) for batch in self._minibatches(samples)]
-        means = torch.stack([torch.stack(list(step.values())) for step in statistics]).mean(dim=0).tolist()
+        batches = shuffled_minibatches(samples, self.config.epochs, self.config.minibatches, self._generator)
         return {
-            **dict(zip(statistics[0], means, strict=True)),
+            **train(lambda batch: self._gradient_step(batch, clip_range), batches),
             "explained_variance": _explained_variance(samples.values, samples.returns),
             "learning_rate": learning_rate,
             "clip_range": clip_range,
@@ -155,10 +147,8 @@ class PPO:
             gae_lambda=self.config.gae_lambda,
             bootstrap_on_truncation=self.config.bootstrap_on_truncation,
         )
-        observations, places = distinct(rollout.observations.flatten(0, 1))
         return Samples(
-            distinct_observations=observations,
-            places=places,
+            observations=rollout.observed,
             actions=rollout.actions.flatten(0, 1),
             log_probs=rollout.log_probs.flatten(),
             values=rollout.values.flatten(),
@@ -178,22 +168,9 @@ class PPO:
             return self.network.values(final_observations)
         return torch.zeros(len(final_observations), device=final_observations.device)
 
-    def _minibatches(self, samples: Samples) -> Iterator[Samples]:
-        """Go through all samples `epochs` times, each time in a new order and in `minibatches` near-equal parts."""
-        count = len(samples.returns)
-        for _ in range(self.config.epochs):
-            order = torch.randperm(count, generator=self._generator, device=self._generator.device)
-            for indices in order.tensor_split(self.config.minibatches):
-                yield samples.take(indices)
-
-    def _evaluate(self, batch: Samples) -> tuple[Distribution, Tensor]:
-        """The present policy and values `[B]` at a batch's observations, each distinct one computed once."""
-        needed, places = batch.places.unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
-        distribution, values = self.network(batch.distinct_observations.index_select(0, needed))
-        return distribution.take(places), values.index_select(0, places)
-
     def _gradient_step(self, batch: Samples, clip_range: float) -> dict[str, Tensor]:
-        distribution, values = self._evaluate(batch)
+        parameters, values = batch.observations.through(self.network)
+        distribution = self.network.head.distribution(parameters)
         losses = ppo_losses(
             distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
         )
@@ -213,21 +190,15 @@ class PPO:
 
 
 @dataclass(frozen=True)
-class Samples:
-    """B transitions to learn from, in no order."""
+class Samples(Batch):
+    """B transitions to learn from, in any order."""
 
-    distinct_observations: Tensor  # [D, ...] of the whole rollout
-    places: Tensor  # [B] of each sample's observation among them
+    observations: Rows  # [B]
     actions: Tensor  # [B] or [B, A]
     log_probs: Tensor  # [B] under the policy that acted
     values: Tensor  # [B] at the time of acting
     advantages: Tensor  # [B]
     returns: Tensor  # [B] targets of the value function
-
-    def take(self, indices: Tensor) -> Samples:
-        """Return the samples at these indices."""
-        own = [getattr(self, field.name).index_select(0, indices) for field in fields(self)[1:]]
-        return Samples(self.distinct_observations, *own)
 
 
 def ppo_losses(

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.config import Count, Share, Weight
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.reachability import (
     GroundTruth,
     HorizonConfig,
@@ -79,37 +79,33 @@ class SPRL:
 
     def reward(self, rollout: Rollout) -> Tensor:
         """Return cost_scale * (bias - cost) for each step, `[T, N]`."""
-        states = self._remembered(rollout)
+        recent = self._recent if len(self._recent) else self._blank(rollout)
+        states = Rows.of(recent.flatten(0, 1)) + rollout.visited
         runs = _runs(self._runs, rollout.cuts)
-        longest = int(self._lengths[-1])
-        self._recent, self._runs = states[-1 - longest : -1].clone(), runs[-1]
+        self._recent = states[rollout.num_steps : -len(rollout.last_observations)].expanded().view_as(recent)
+        self._runs = runs[-1]
         if not self.reachability.ready:
             return torch.zeros_like(rollout.rewards)
         costs = self._costs(states, runs)
         self._violations = float(costs.mean())
         return self.config.cost_scale * (self.config.bias - costs)
 
-    def _remembered(self, rollout: Rollout) -> Tensor:
-        """Return the states of a rollout after those that its first stretches begin with, `[M + T + 1, N, ...]`."""
-        recent = self._recent
-        if not len(recent):
-            first = rollout.observations[:1]
-            recent = torch.zeros_like(first).expand(int(self._lengths[-1]), *first.shape[1:])
-        return torch.cat((recent, rollout.observations, rollout.last_observations.unsqueeze(0)))
+    def _blank(self, rollout: Rollout) -> Tensor:
+        """Return as many states as the longest stretch has steps, all zero, for the first rollout, `[M, N, ...]`."""
+        first = rollout.observations[:1]
+        return torch.zeros_like(first).expand(int(self._lengths[-1]), *first.shape[1:])
 
-    def _costs(self, states: Tensor, runs: Tensor) -> Tensor:
+    def _costs(self, states: Rows, runs: Tensor) -> Tensor:
         """Return 1 for each step that ends a violation, 0 for the others, `[T, N]`.
 
         Args:
-            states: `[M + T + 1, N, ...]`; a terminal state is never among them, nor is it ever priced.
+            states: `[(M + T + 1) * N]`; a terminal state is never among them, nor is it ever priced.
             runs: Steps since the last ending or reward, `[T, N]`.
         """
         steps, num_envs = runs.shape
-        flat = states.flatten(0, 1)
-        ends = torch.arange(len(flat) - steps * num_envs, len(flat), device=runs.device)
-        judge = judge_pairs(self.reachability, flat)
+        ends = torch.arange(len(states) - steps * num_envs, len(states), device=runs.device)
         votes = count_votes(
-            judge,
+            judge_pairs(self.reachability, states),
             ends,
             runs.flatten(),
             self._lengths,

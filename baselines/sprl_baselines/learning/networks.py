@@ -29,10 +29,13 @@ RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
 
 
 class Head(Protocol):
-    """Turns features `[B, F]` into a distribution over actions."""
+    """Turns features into distributions over actions."""
 
-    def __call__(self, features: Tensor) -> Distribution:
-        """One distribution for each row."""
+    def __call__(self, features: Tensor) -> Tensor:
+        """Return the parameters of one distribution for each row, `[B, F]` -> `[B, A]`."""
+
+    def distribution(self, parameters: Tensor) -> Distribution:
+        """Return the distributions with these parameters `[B, A]`."""
 
 
 class ActorCritic(nn.Module):
@@ -53,8 +56,8 @@ class ActorCritic(nn.Module):
         if not self.shared:
             self.value_trunk = value_trunk
 
-    def forward(self, observations: Tensor) -> tuple[Distribution, Tensor]:
-        """The action distribution for each of B observations, and their values `[B]`."""
+    def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the parameters of the action distributions `[B, A]`, and the values `[B]`, of B observations."""
         seen = self.view(observations)
         features = self.policy_trunk(seen)
         value_features = features if self.shared else self.value_trunk(seen)
@@ -73,7 +76,6 @@ def actor_critic(
     generator: torch.Generator,
     *,
     view: View = RAW,
-    grid_encoding: str = "scaled",
     mlp_layers: int = 4,
     mlp_units: int = 256,
 ) -> ActorCritic:
@@ -85,7 +87,6 @@ def actor_critic(
         action_space: `Discrete`, or a flat `Box`.
         generator: source of the initial parameters, on the CPU.
         view: what the network sees of an observation.
-        grid_encoding: how a grid cell becomes numbers, "scaled" or "one-hot".
         mlp_layers: hidden layers of the MLP for flat observations.
         mlp_units: width of each.
 
@@ -93,7 +94,7 @@ def actor_critic(
         ValueError: if there is no network for such spaces.
     """
     if grid := grid_shape(observation_space):
-        policy_trunk = value_trunk = grid_trunk(*grid, grid_encoding, generator)
+        policy_trunk = value_trunk = grid_trunk(*grid, generator)
         features = 2 * GRID_UNITS
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         sizes = observation_space.shape[0], mlp_layers, mlp_units
@@ -123,9 +124,14 @@ class CategoricalHead(nn.Module):
         super().__init__()
         self.logits = linear(features, actions, POLICY_GAIN, generator)
 
-    def forward(self, features: Tensor) -> Distribution:
-        """A categorical distribution for each row."""
-        return Categorical.from_logits(self.logits(features))
+    def forward(self, features: Tensor) -> Tensor:
+        """Return normalised log-probabilities, `[B, F]` -> `[B, A]`."""
+        log_probabilities: Tensor = self.logits(features).log_softmax(dim=-1)
+        return log_probabilities
+
+    def distribution(self, parameters: Tensor) -> Distribution:
+        """Return the categorical distributions with these log-probabilities `[B, A]`."""
+        return Categorical(parameters)
 
 
 class GaussianHead(nn.Module):
@@ -136,9 +142,14 @@ class GaussianHead(nn.Module):
         self.mean = linear(features, actions, POLICY_GAIN, generator)
         self.log_std = nn.Parameter(torch.zeros(actions))
 
-    def forward(self, features: Tensor) -> Distribution:
-        """A diagonal Gaussian for each row."""
-        return DiagonalGaussian(self.mean(features), self.log_std)
+    def forward(self, features: Tensor) -> Tensor:
+        """Return means, `[B, F]` -> `[B, A]`."""
+        means: Tensor = self.mean(features)
+        return means
+
+    def distribution(self, parameters: Tensor) -> Distribution:
+        """Return the diagonal Gaussians with these means `[B, A]`."""
+        return DiagonalGaussian(parameters, self.log_std)
 
 
 def policy_head(features: int, action_space: spaces.Space[Any], generator: torch.Generator) -> Head:
@@ -158,9 +169,9 @@ GRID_CHANNELS = (16, 8, 8)
 GRID_UNITS = 512
 
 
-def grid_trunk(height: int, width: int, frames: int, encoding: str, generator: torch.Generator) -> nn.Sequential:
+def grid_trunk(height: int, width: int, frames: int, generator: torch.Generator) -> nn.Sequential:
     """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
-    convolutions, features = grid_convolutions(height, width, frames, encoding, generator)
+    convolutions, features = grid_convolutions(height, width, frames, generator)
     return nn.Sequential(*convolutions, linear(features, GRID_UNITS, CRELU_GAIN, generator), CReLU())
 
 
@@ -172,11 +183,9 @@ class CReLU(nn.Module):
         return functional.relu(torch.cat((responses, -responses), dim=1), inplace=True)
 
 
-def grid_convolutions(
-    height: int, width: int, frames: int, encoding: str, generator: torch.Generator
-) -> tuple[list[nn.Module], int]:
+def grid_convolutions(height: int, width: int, frames: int, generator: torch.Generator) -> tuple[list[nn.Module], int]:
     """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
-    cells = GRID_ENCODINGS[encoding](frames)
+    cells = ScaledCells(frames)
     convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, CRELU_GAIN, generator)
     return [cells, convolutions], height * width * 2 * GRID_CHANNELS[-1]
 
@@ -204,21 +213,3 @@ class ScaledCells(nn.Module):
     def forward(self, cells: Tensor) -> Tensor:
         """`[B, H, W, 3 F]` uint8 -> `[B, 3 F, H, W]` float32, in channels-last memory."""
         return (cells * self.scale).permute(0, 3, 1, 2)
-
-
-class OneHotCells(nn.Module):
-    """Grid cells with each of type, colour and state as indicators; of several frames, one by one."""
-
-    def __init__(self, frames: int = 1) -> None:
-        super().__init__()
-        self.largest_codes = LARGEST_CODES * frames
-        self.channels = sum(self.largest_codes) + len(self.largest_codes)
-
-    def forward(self, cells: Tensor) -> Tensor:
-        """`[B, H, W, 3 F]` uint8 -> `[B, 21 F, H, W]` float32, in channels-last memory."""
-        codes = cells.long().unbind(-1)
-        hot = [functional.one_hot(code, top + 1) for code, top in zip(codes, self.largest_codes, strict=True)]
-        return torch.cat(hot, dim=-1).float().permute(0, 3, 1, 2)
-
-
-GRID_ENCODINGS: dict[str, type[ScaledCells] | type[OneHotCells]] = {"scaled": ScaledCells, "one-hot": OneHotCells}

@@ -1,20 +1,89 @@
-"""What the agent saw and did for T steps of N sub-environments, and the collector that steps them."""
+"""A rollout: what the agent saw and did for T steps of N sub-environments.
+
+Many observations repeat. In a grid world many steps change nothing (the agent walks into a wall), and short episodes
+visit the same states again. A rollout finds its distinct observations once, and `compute_once` computes a network's
+outputs for each of them once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TypeVar
 
-import gymnasium
 import numpy as np
-import numpy.typing as npt
 import torch
-from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
-Array = npt.NDArray[Any]
+Outputs = TypeVar("Outputs", Tensor, tuple[Tensor, Tensor])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows that may repeat, stored as the D distinct ones and the place of each row among them."""
+
+    distinct: Tensor  # [D, ...]
+    places: Tensor  # [B] int64, or of more dimensions
+
+    @classmethod
+    def of(cls, rows: Tensor) -> Rows:
+        """Find the distinct rows of `[B, ...]`, in order of appearance. Two rows are the same if their bytes are."""
+        first, places = _numbered(row.tobytes() for row in rows.cpu().numpy())
+        return cls(rows[first.to(rows.device)], places.to(rows.device))
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def __getitem__(self, indices: Tensor | slice) -> Rows:
+        """Return the rows at these indices."""
+        return Rows(self.distinct, self.places[indices])
+
+    def __add__(self, others: Rows) -> Rows:
+        """Return these rows, then the others."""
+        both = Rows.of(torch.cat((self.distinct, others.distinct)))
+        places = torch.cat((self.places, others.places + len(self.distinct)))
+        return Rows(both.distinct, both.places[places])
+
+    def in_order(self) -> Rows:
+        """Return the same rows with only the distinct ones that occur, in order of appearance."""
+        occurring = self.places.flatten()
+        first, places = _numbered(occurring.tolist())
+        distinct = self.distinct[occurring[first.to(occurring.device)]]
+        return Rows(distinct, places.to(occurring.device).view_as(self.places))
+
+    def expanded(self) -> Tensor:
+        """Return all rows, repeated where they repeat."""
+        return self.distinct[self.places]
+
+    def through(self, network: Callable[[Tensor], Outputs]) -> Outputs:
+        """Return the network's outputs for all rows; it sees each distinct row once."""
+        return compute_once(lambda places: network(self.distinct.index_select(0, places)), self.places)
+
+
+def _numbered(keys: Iterable[Hashable]) -> tuple[Tensor, Tensor]:
+    """Number keys by first appearance: the index where each distinct key appears first `[D]`, all numbers `[B]`."""
+    seen: dict[Hashable, int] = {}
+    numbers = np.array([seen.setdefault(key, len(seen)) for key in keys], dtype=np.int64)
+    return torch.from_numpy(np.unique(numbers, return_index=True)[1]), torch.from_numpy(numbers)
+
+
+def compute_once(function: Callable[[Tensor], Outputs], keys: Tensor) -> Outputs:
+    """Return a function's outputs for all keys; it sees each distinct key once, in ascending order.
+
+    Args:
+        function: Takes keys `[D]`, and returns one or two tensors `[D, ...]`.
+        keys: Whole numbers, of any shape.
+    """
+    needed, places = keys.unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
+
+    def spread(output: Tensor) -> Tensor:
+        return output.index_select(0, places.flatten()).view(*places.shape, *output.shape[1:])
+
+    outputs = function(needed)
+    if isinstance(outputs, Tensor):
+        return spread(outputs)
+    return spread(outputs[0]), spread(outputs[1])
 
 
 @dataclass(frozen=True)
@@ -29,7 +98,7 @@ class Rollout:
     actions: Tensor  # [T, N] or [T, N, A], as drawn from the policy
     rewards: Tensor  # [T, N] float32, the environment's own, never modified
     terminated: Tensor  # [T, N] bool, the task ended
-    truncated: Tensor  # [T, N] bool, a time limit cut the episode
+    truncated: Tensor  # [T, N] bool, a time limit ended the episode
     values: Tensor  # [T, N] float32, of `observations`
     log_probs: Tensor  # [T, N] float32, of `actions`
     last_observations: Tensor  # [N, ...] what the agent will act on next
@@ -37,222 +106,53 @@ class Rollout:
     positions: Tensor  # [T, N, 2] int64, the agent's (x, y) at `observations`; [T, N, 0] where there is none
     next_positions: Tensor  # [T, N, 2] int64, at the true successors; [T, N, 0] where there is none
 
-    @cached_property
-    def ended(self) -> Tensor:
-        """Whether an episode ended with this step, either way, `[T, N]` bool."""
-        return self.terminated | self.truncated
-
-    @cached_property
-    def cuts(self) -> Tensor:
-        """Whether this step ends a stretch without a reward or an ending in it, by either, `[T, N]` bool."""
-        return self.ended | (self.rewards != 0)
-
-    @cached_property
-    def next_observations(self) -> Tensor:
-        """The true successor of every step, `[T, N, ...]`: a copy, made when first asked for."""
-        following = torch.cat((self.observations[1:], self.last_observations.unsqueeze(0)))
-        following[self.ended] = self.final_observations
-        return following
-
-    def newest(self, stack: int) -> Rollout:
-        """Return the same steps with each observation alone, where `stack` earlier ones were joined to it."""
-        if stack == 0:
-            return self
-        joined = ("observations", "last_observations", "final_observations")
-        size = self.observations.shape[-1] // (stack + 1)
-        return replace(self, **{name: getattr(self, name)[..., -size:] for name in joined})
-
     @property
     def num_steps(self) -> int:
         """Env steps in all, T x N."""
         return self.rewards.numel()
 
+    @cached_property
+    def ended(self) -> Tensor:
+        """Whether an episode ended with this step, by termination or truncation, `[T, N]` bool."""
+        return self.terminated | self.truncated
 
-class Decision(NamedTuple):
-    """What a policy chose for N observations, and what it thought of them."""
+    @cached_property
+    def cuts(self) -> Tensor:
+        """Whether the step ended an episode or was rewarded, `[T, N]` bool: no stretch continues past it."""
+        return self.ended | (self.rewards != 0)
 
-    actions: Tensor  # [N] or [N, A]
-    log_probs: Tensor  # [N]
-    values: Tensor  # [N]
+    @cached_property
+    def _seen(self) -> Rows:
+        """All observations: T x N that were acted on, N last ones, E final ones."""
+        return Rows.of(torch.cat((self.observations.flatten(0, 1), self.last_observations, self.final_observations)))
 
+    @property
+    def observed(self) -> Rows:
+        """`observations`, step by step, `[T * N]`."""
+        return self._seen[: self.num_steps]
 
-Policy = Callable[[Tensor], Decision]
+    @property
+    def visited(self) -> Rows:
+        """`observations`, then `last_observations`, step by step, `[(T + 1) * N]`; no terminal state is among them."""
+        return self._seen[: self.num_steps + len(self.last_observations)].in_order()
 
+    @cached_property
+    def transitions(self) -> Rows:
+        """The observation and the true successor of every step, `[T * N, 2]`."""
+        places, num_envs = self._seen.places, len(self.last_observations)
+        before, after = places[: self.num_steps], places[num_envs : self.num_steps + num_envs].clone()
+        after[self.ended.flatten()] = places[self.num_steps + num_envs :]
+        return Rows(self._seen.distinct, torch.stack((before, after), dim=1)).in_order()
 
-class Collector:
-    """Steps a vector env by a policy, and remembers between rollouts what the envs showed last.
+    @property
+    def next_observations(self) -> Tensor:
+        """The true successor of every step, `[T, N, ...]`."""
+        return self.transitions.expanded()[:, 1].view_as(self.observations)
 
-    Args:
-        envs: A vector env that resets a sub-env within the step that ends its episode (SameStep), so that every
-            step is a transition.
-        length: Steps T of a rollout.
-        device: Where the policy acts and rollouts end up.
-        action_noise: Standard deviation of what is added to every component of an action before it is clipped and
-            executed; a rollout keeps actions as the policy drew them.
-        seed: Source of that noise.
-        stack: Earlier observations of the episode that are joined to each, oldest first, along the last axis (appendix
-            A.3); at the start of an episode its first one stands for those before it.
-
-    Raises:
-        ValueError: The envs reset in another way, or there is noise and actions are not continuous.
-    """
-
-    def __init__(
-        self,
-        envs: VectorEnv[Any, Any, Any],
-        length: int,
-        device: torch.device,
-        *,
-        action_noise: float = 0.0,
-        seed: int = 0,
-        stack: int = 0,
-    ) -> None:
-        mode = envs.metadata.get("autoreset_mode")
-        if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f"The vector env has autoreset_mode={mode}; agents need {AutoresetMode.SAME_STEP}.")
-        space = envs.single_action_space
-        if action_noise and not isinstance(space, gymnasium.spaces.Box):
-            raise ValueError(f"Hyperparameter action_noise={action_noise} must be 0 where actions are in {space}.")
-        self._envs, self._length, self._device = envs, length, device
-        self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
-        self._clipped = clipping(space)
-        self._stack = stack
-        self._observations: Array = np.empty(0)  # [N, ...]
-        self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
-        self._taken = 0  # steps of each sub-env
-
-    def reset(self) -> None:
-        """Start new episodes everywhere, with the seeds that the envs already hold."""
-        first, infos = self._envs.reset()
-        self._observations = self._alone(first)
-        self._positions = self._position(infos)
-
-    def collect(self, policy: Policy) -> Rollout:
-        """Take T steps with `policy`, which is called under `torch.inference_mode`."""
-        tape = _Tape()
-        with torch.inference_mode():
-            for _ in range(self._length):
-                decision = policy(torch.from_numpy(self._observations).to(self._device))
-                self._step(decision, tape)
-        return tape.rollout(self._observations, self._positions, self._device)
-
-    def _step(self, decision: Decision, tape: _Tape) -> None:
-        """Take one step in every sub-env, and put it on tape."""
-        actions = self._clipped(self._perturbed(decision.actions.cpu()).numpy())
-        seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
-        following, rewards, terminated, truncated, infos = self._envs.step(actions)
-        self._taken += 1
-        _refuse_not_finite(following, self._taken)
-        tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
-        tape.decisions.append(decision)
-        before, ended = seen[0], terminated | truncated
-        self._observations, self._positions = self._joined(before, following), self._position(infos)
-        if ended.any():
-            self._observations[ended] = self._alone(following[ended])
-            final = np.stack(infos["final_obs"][ended])
-            tape.final_observations.extend(self._joined(before[ended], final))
-            tape.final_positions.extend(self._position(infos["final_info"])[ended])
-
-    def _joined(self, before: Array, following: Array) -> Array:
-        """Join what follows to the newest of what was joined before, `[B, ...]`; a copy."""
-        return np.concatenate((before[..., following.shape[-1] :], following), axis=-1)
-
-    def _alone(self, first: Array) -> Array:
-        """Join the first observations of episodes to themselves, `[B, ...]`; a copy."""
-        return np.tile(first, self._stack + 1)
-
-    def _perturbed(self, actions: Tensor) -> Tensor:
-        """Add the action noise."""
-        if not self._action_noise:
-            return actions
-        return actions + self._action_noise * torch.randn(actions.shape, generator=self._generator)
-
-    def _position(self, infos: Mapping[str, Any]) -> Array:
-        """The (x, y) that a grid env reports, `[N, 2]`; from other envs nothing, `[N, 0]`."""
-        position: Array = infos.get("position", np.empty((self._envs.num_envs, 0), dtype=np.int64))
-        return position
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return what the envs showed last, and where the noise goes on."""
-        return {
-            "observations": self._observations.copy(),
-            "positions": self._positions.copy(),
-            "taken": self._taken,
-            "generator": self._generator.get_state(),
-        }
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from what the envs showed last, instead of a reset."""
-        self._observations, self._positions = np.array(state["observations"]), np.array(state["positions"])
-        self._taken = int(state["taken"])
-        self._generator.set_state(state["generator"].cpu())
-
-
-class _Tape:
-    """Steps as they come, to be stacked into a rollout once."""
-
-    def __init__(self) -> None:
-        self.steps: list[tuple[Array, ...]] = []
-        self.decisions: list[Decision] = []
-        self.final_observations: list[Array] = []
-        self.final_positions: list[Array] = []
-
-    def rollout(self, last_observations: Array, last_positions: Array, device: torch.device) -> Rollout:
-        """Stack everything into tensors on `device`."""
-        observations, positions, rewards, terminated, truncated = map(np.stack, zip(*self.steps, strict=True))
-        actions, log_probs, values = map(torch.stack, zip(*self.decisions, strict=True))
-        next_positions = np.concatenate((positions[1:], last_positions[None]))
-        if self.final_positions:
-            next_positions[terminated | truncated] = self.final_positions
-        final_observations = np.array(self.final_observations, dtype=observations.dtype)
-
-        def tensor(array: Array) -> Tensor:
-            return torch.from_numpy(array).to(device)
-
-        return Rollout(
-            observations=tensor(observations),
-            actions=actions.clone(),
-            rewards=tensor(rewards.astype(np.float32)),
-            terminated=tensor(terminated),
-            truncated=tensor(truncated),
-            values=values.clone(),
-            log_probs=log_probs.clone(),
-            last_observations=tensor(last_observations.copy()),
-            final_observations=tensor(final_observations.reshape(-1, *observations.shape[2:])),
-            positions=tensor(positions),
-            next_positions=tensor(next_positions),
-        )
-
-
-def _refuse_not_finite(observations: Array, step: int) -> None:
-    """Stop at an observation that holds a number that is not finite, before anything learns from it.
-
-    Raises:
-        ValueError: One does; the message names the sub-env and its step.
-    """
-    if observations.dtype.kind == "f" and not np.isfinite(observations).all():
-        rows = np.isfinite(observations.reshape(len(observations), -1)).all(axis=1)
-        env = int(np.flatnonzero(~rows)[0])
-        raise ValueError(f"The observation of sub-environment {env} after its step {step} is not finite.")
-
-
-def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
-    """Return what turns actions into ones that the env accepts: continuous ones are clipped to their box."""
-    if isinstance(space, gymnasium.spaces.Box):
-        low, high = space.low, space.high
-        return lambda actions: np.clip(actions, low, high)
-    return lambda actions: actions
-
-
-def stacked(space: gymnasium.Space[Any], stack: int) -> gymnasium.Space[Any]:
-    """Return the space of observations to which `stack` earlier ones are joined.
-
-    Raises:
-        ValueError: The observations are no arrays, so there is nothing to join them along.
-    """
-    if stack == 0:
-        return space
-    if not isinstance(space, gymnasium.spaces.Box):
-        raise ValueError(f"Hyperparameter stack={stack} must be 0 where observations are in {space}.")
-    low, high = (np.tile(bound, stack + 1) for bound in (space.low, space.high))
-    return gymnasium.spaces.Box(low, high, dtype=space.dtype.type)
+    def newest(self, stack: int) -> Rollout:
+        """Return the same steps with each observation alone, without the `stack` earlier ones joined to it."""
+        if stack == 0:
+            return self
+        joined = ("observations", "last_observations", "final_observations")
+        size = self.observations.shape[-1] // (stack + 1)
+        return replace(self, **{name: getattr(self, name)[..., -size:] for name in joined})

@@ -13,7 +13,7 @@ import torch
 from gymnasium import Space
 from torch import Tensor
 
-from sprl_baselines.learning.grids import SQUARE_GRID, grid_shape
+from sprl_baselines.learning.grids import square_grid_side
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.reachability.pairs import Judge
 from sprl_bench import solver
@@ -34,14 +34,8 @@ class GroundTruth:
     ready = True
 
     def __init__(self, observation_space: Space[Any], k: int) -> None:
-        match grid_shape(observation_space):
-            case (height, width, 1) if height == width:
-                self._k = k
-            case _:
-                raise ValueError(
-                    f"Ground-truth reachability needs a grid world's observations, {SQUARE_GRID}; "
-                    f"these are in {observation_space}."
-                )
+        square_grid_side(observation_space)
+        self._k = k
 
     def judge_of(self, states: Tensor) -> Judge:
         """Return what searches from one of D states `[D, S, S, 3]` to another, as 0 or 1."""

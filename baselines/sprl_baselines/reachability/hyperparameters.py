@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
-from sprl_baselines.learning.networks import GRID_ENCODINGS
 from sprl_baselines.reachability.network import PAIR_INPUTS
-from sprl_baselines.reachability.triplets import NEGATIVES, NEXT_ANCHORS
+from sprl_baselines.reachability.triplets import NEGATIVES
 
 Whole = Annotated[int, Range(0)]
 
@@ -26,11 +25,9 @@ class ReachabilityConfig(HorizonConfig):
     """The network, what it learns from, and when."""
 
     positive_bias: Count = 5  # the next anchor lies up to so many steps after the positive (Table 1)
-    # from where those are counted: the "positive" (Algorithm 1), or one step after the "anchor" (published code)
-    next_anchor: Annotated[str, Choice(*NEXT_ANCHORS)] = "positive"
     negative_bias: Whole = 20  # negatives lie at least k and so many steps after their anchor (Table 1)
-    # how far they may lie: to the end of the "episode" (Algorithm 1); in a "narrow" band of a tenth (published code);
-    # or from k + tolerance and once to "double" the bias (appendix B.1)
+    # how far they may lie: to the end of the "episode" (Algorithm 1), or from k + tolerance + the bias to k + tolerance
+    # + "double" the bias (appendix B.1)
     negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"
     replay_size: Count = 60_000  # env steps that are remembered (appendix B.1)
     train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
@@ -47,7 +44,6 @@ class ReachabilityConfig(HorizonConfig):
     embedding_units: Count = 128  # of the layer that embeds a grid; its rectifier gives twice as many features
     head_layers: Count = 2  # hidden layers over a pair
     head_units: Count = 128  # width of each
-    reachability_grid_encoding: Annotated[str, Choice(*GRID_ENCODINGS)] = "scaled"  # as the policy's `grid_encoding`
     ready_trainings: Count = 20  # trainings whose mean accuracy decides whether the network may be trusted
     ready_accuracy: Share = 0.75  # what that mean must exceed, once
     accuracy_pairs: Count = 15_000  # positives, and as many negatives, that accuracy is measured on (appendix B.1)
@@ -58,9 +54,4 @@ class ReachabilityConfig(HorizonConfig):
             raise ValueError(
                 f"Hyperparameter pair_batch={self.pair_batch} must be at most max_pairs, {self.max_pairs}: "
                 f"a training takes whole batches."
-            )
-        if self.pair_input == "difference" and self.reachability_grid_encoding != "scaled":
-            raise ValueError(
-                f"Hyperparameter reachability_grid_encoding={self.reachability_grid_encoding!r} must be 'scaled' "
-                f"where pair_input is 'difference'."
             )

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
 from sprl_baselines.reachability.hyperparameters import ReachabilityConfig
 from sprl_baselines.reachability.network import reachability_network
@@ -48,7 +48,6 @@ class LearnedReachability:
             setting.observation_space,
             self._generator,
             view=setting.view,
-            grid_encoding=config.reachability_grid_encoding,
             embedding_units=config.embedding_units,
             layers=config.head_layers,
             units=config.head_units,
@@ -106,7 +105,7 @@ class LearnedReachability:
     def _draw(self) -> Triplets:
         """Draw triplets from the whole replay, in random order, and no more than a training takes."""
         config, segments = self.config, self._replay.segments()
-        triplets = walk(segments, self._ranges, config.positive_bias, self._generator, config.next_anchor)
+        triplets = walk(segments, self._ranges, config.positive_bias, self._generator)
         order = torch.randperm(len(triplets.anchors), generator=self._generator)
         return triplets.take(order[: config.max_pairs // 2])
 
@@ -166,7 +165,7 @@ class LearnedReachability:
         if not len(triplets.anchors):
             return {}
         states, (anchors, positives, negatives) = self._states(triplets)
-        judge = judge_pairs(self, states)
+        judge = judge_pairs(self, Rows.of(states))
         right = torch.cat((judge(anchors, positives) > 0.5, judge(anchors, negatives) <= 0.5))
         return {"reachability_accuracy": float(right.float().mean())}
 

@@ -97,7 +97,6 @@ def reachability_network(
     generator: torch.Generator,
     *,
     view: View = RAW,
-    grid_encoding: str,
     embedding_units: int,
     layers: int,
     units: int,
@@ -109,10 +108,9 @@ def reachability_network(
         ValueError: There is no network for such observations.
     """
     if grid := grid_shape(observation_space):
-        convolutions, features = grid_convolutions(*grid, grid_encoding, generator)
-        embedding = nn.Sequential(
-            view, *convolutions, linear(features, embedding_units, CRELU_GAIN, generator), CReLU()
-        )
+        convolutions, features = grid_convolutions(*grid, generator)
+        units_of_a_state = linear(features, embedding_units, CRELU_GAIN, generator)
+        embedding = nn.Sequential(view, *convolutions, units_of_a_state, CReLU())
         size = 2 * embedding_units
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         embedding, size = nn.Sequential(view), observation_space.shape[0]

@@ -7,8 +7,7 @@ from typing import Any, ClassVar, Protocol
 
 from torch import Tensor
 
-from sprl_baselines.learning.distinct import distinct
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows, compute_once
 
 Judge = Callable[[Tensor, Tensor], Tensor]
 """Takes indices `[P]` of earlier and of later states; returns how likely one leads to the other, `[P]` in [0, 1]."""
@@ -36,14 +35,12 @@ class Reachability(Protocol):
         """Take such a state."""
 
 
-def judge_pairs(reachability: Reachability, states: Tensor) -> Judge:
-    """Return a judge of pairs among B states `[B, ...]`, which may repeat, as grid worlds' states often do."""
-    distinct_states, places = distinct(states)
-    judge, count = reachability.judge_of(distinct_states), len(distinct_states)
+def judge_pairs(reachability: Reachability, states: Rows) -> Judge:
+    """Return a judge of pairs among B states that may repeat."""
+    judge, count, places = reachability.judge_of(states.distinct), len(states.distinct), states.places
 
     def judge_repeated(earlier: Tensor, later: Tensor) -> Tensor:
         pairs = places[earlier] * count + places[later]
-        needed, inverse = pairs.unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
-        return judge(needed // count, needed % count)[inverse]
+        return compute_once(lambda needed: judge(needed // count, needed % count), pairs)
 
     return judge_repeated

@@ -32,8 +32,7 @@ class Ranges(NamedTuple):
     negative: tuple[int, int]
 
 
-NEGATIVES = ("episode", "narrow", "double")
-NEXT_ANCHORS = ("positive", "anchor")
+NEGATIVES = ("episode", "double")
 UNLIMITED = 2**40
 
 
@@ -44,17 +43,13 @@ def training_ranges(k: int, tolerance: int, negative_bias: int, negatives: str) 
         k: Steps within which a state counts as reached.
         tolerance: Further steps that are let pass.
         negative_bias: Further steps that part negatives from positives.
-        negatives: How far they may lie: from k + `negative_bias` to the end of the "episode" (Algorithm 1); from there
-            in a "narrow" band of a tenth of that (the authors' published code); or, as where accuracy is measured, from
-            k + `tolerance` and the bias to k + `tolerance` and "double" the bias (appendix B.1).
+        negatives: How far they may lie: from k + `negative_bias` to the end of the "episode" (Algorithm 1); or, as
+            where accuracy is measured, from k + `tolerance` + the bias to k + `tolerance` + "double" the bias (appendix
+            B.1).
     """
-    least = k + negative_bias
-    bands = {
-        "episode": (least, UNLIMITED),
-        "narrow": (least, least + least // 10),
-        "double": accuracy_ranges(k, tolerance, negative_bias).negative,
-    }
-    return Ranges((1, k), bands[negatives])
+    if negatives == "double":
+        return Ranges((1, k), accuracy_ranges(k, tolerance, negative_bias).negative)
+    return Ranges((1, k), (k + negative_bias, UNLIMITED))
 
 
 def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
@@ -63,22 +58,14 @@ def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
     return Ranges((1, reach), (reach + negative_bias, reach + 2 * negative_bias))
 
 
-def walk(
-    segments: Segments,
-    ranges: Ranges,
-    positive_bias: int,
-    generator: torch.Generator,
-    next_anchor: str = "positive",
-) -> Triplets:
+def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Triplets:
     """Draw triplets along all stretches at once.
 
     Args:
         segments: The stretches.
         ranges: Where positives and negatives lie.
-        positive_bias: The next anchor is drawn from so many places.
+        positive_bias: The next anchor lies 1 to so many steps after the positive.
         generator: What draws.
-        next_anchor: They begin one step after the last "positive" (Algorithm 1), or two steps after the last "anchor"
-            (the authors' published code).
     """
     starts, lengths = segments
     anchors, drawn = torch.zeros_like(lengths), []
@@ -88,8 +75,8 @@ def walk(
         drawn.append(_around(starts, lengths, anchors, ranges, generator))
         if not len(anchors):
             return Triplets(*(torch.cat(places) for places in zip(*drawn, strict=True)))
-        nearest = {"positive": drawn[-1].positives - starts + 1, "anchor": anchors + 2}[next_anchor]
-        anchors = _uniform(nearest, nearest + positive_bias - 1, generator)
+        positives = drawn[-1].positives - starts
+        anchors = _uniform(positives + 1, positives + positive_bias, generator)
 
 
 def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Triplets:

@@ -136,7 +136,7 @@ def test_layers_start_orthogonal_with_their_gains() -> None:
     torch.testing.assert_close(hidden @ hidden.T, torch.eye(512), rtol=0, atol=1e-4)
     torch.testing.assert_close(logits @ logits.T, 1e-4 * torch.eye(7), rtol=0, atol=1e-8)
     assert network.value.weight.norm().item() == pytest.approx(1.0)
-    flat = actor_critic(FLAT, ACTIONS, seeded()).policy_trunk[3].weight
+    flat = actor_critic(FLAT, ACTIONS, seeded()).policy_trunk[2].weight
     torch.testing.assert_close(flat @ flat.T, 2.0 * torch.eye(256), rtol=0, atol=1e-4)
 
 

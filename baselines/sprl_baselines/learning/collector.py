@@ -1,0 +1,207 @@
+"""The collector: it steps the vector environment with a policy and records a rollout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+import torch
+from gymnasium.vector import AutoresetMode, VectorEnv
+from torch import Tensor
+
+from sprl_baselines.learning.rollout import Rollout
+
+Array = npt.NDArray[Any]
+
+
+class Decision(NamedTuple):
+    """What a policy chose for N observations, and what it thought of them."""
+
+    actions: Tensor  # [N] or [N, A]
+    log_probs: Tensor  # [N]
+    values: Tensor  # [N]
+
+
+Policy = Callable[[Tensor], Decision]
+
+
+class Collector:
+    """Steps a vector env by a policy, and remembers between rollouts what the envs showed last.
+
+    Args:
+        envs: A vector env that resets a sub-env within the step that ends its episode (SameStep), so that every
+            step is a transition.
+        length: Steps T of a rollout.
+        device: Where the policy acts and rollouts end up.
+        action_noise: Standard deviation of what is added to every component of an action before it is clipped and
+            executed; a rollout keeps actions as the policy drew them.
+        seed: Source of that noise.
+        stack: Earlier observations of the episode that are joined to each, oldest first, along the last axis (appendix
+            A.3); at the start of an episode its first one stands for those before it.
+
+    Raises:
+        ValueError: The envs reset in another way, or there is noise and actions are not continuous.
+    """
+
+    def __init__(
+        self,
+        envs: VectorEnv[Any, Any, Any],
+        length: int,
+        device: torch.device,
+        *,
+        action_noise: float = 0.0,
+        seed: int = 0,
+        stack: int = 0,
+    ) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode != AutoresetMode.SAME_STEP:
+            raise ValueError(f"The vector env has autoreset_mode={mode}; agents need {AutoresetMode.SAME_STEP}.")
+        space = envs.single_action_space
+        if action_noise and not isinstance(space, gymnasium.spaces.Box):
+            raise ValueError(f"Hyperparameter action_noise={action_noise} must be 0 where actions are in {space}.")
+        self._envs, self._length, self._device = envs, length, device
+        self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
+        self._clipped = clipping(space)
+        self._stack = stack
+        self._observations: Array = np.empty(0)  # [N, ...]
+        self._positions: Array = np.empty(0)  # [N, 2] or [N, 0]
+        self._taken = 0  # steps of each sub-env
+
+    def reset(self) -> None:
+        """Start new episodes everywhere, with the seeds that the envs already hold."""
+        first, infos = self._envs.reset()
+        self._observations = self._alone(first)
+        self._positions = self._position(infos)
+
+    def collect(self, policy: Policy) -> Rollout:
+        """Take T steps with `policy`, which is called under `torch.inference_mode`."""
+        tape = _Tape()
+        with torch.inference_mode():
+            for _ in range(self._length):
+                decision = policy(torch.from_numpy(self._observations).to(self._device))
+                self._step(decision, tape)
+        return tape.rollout(self._observations, self._positions, self._device)
+
+    def _step(self, decision: Decision, tape: _Tape) -> None:
+        """Take one step in every sub-env, and put it on tape."""
+        actions = self._clipped(self._perturbed(decision.actions.cpu()).numpy())
+        seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
+        following, rewards, terminated, truncated, infos = self._envs.step(actions)
+        self._taken += 1
+        _refuse_not_finite(following, self._taken)
+        tape.steps.append((*seen, rewards.copy(), terminated.copy(), truncated.copy()))
+        tape.decisions.append(decision)
+        before, ended = seen[0], terminated | truncated
+        self._observations, self._positions = self._joined(before, following), self._position(infos)
+        if ended.any():
+            self._observations[ended] = self._alone(following[ended])
+            final = np.stack(infos["final_obs"][ended])
+            tape.final_observations.extend(self._joined(before[ended], final))
+            tape.final_positions.extend(self._position(infos["final_info"])[ended])
+
+    def _joined(self, before: Array, following: Array) -> Array:
+        """Join what follows to the newest of what was joined before, `[B, ...]`; a copy."""
+        return np.concatenate((before[..., following.shape[-1] :], following), axis=-1)
+
+    def _alone(self, first: Array) -> Array:
+        """Join the first observations of episodes to themselves, `[B, ...]`; a copy."""
+        return np.tile(first, self._stack + 1)
+
+    def _perturbed(self, actions: Tensor) -> Tensor:
+        """Add the action noise."""
+        if not self._action_noise:
+            return actions
+        return actions + self._action_noise * torch.randn(actions.shape, generator=self._generator)
+
+    def _position(self, infos: Mapping[str, Any]) -> Array:
+        """The (x, y) that a grid env reports, `[N, 2]`; from other envs nothing, `[N, 0]`."""
+        position: Array = infos.get("position", np.empty((self._envs.num_envs, 0), dtype=np.int64))
+        return position
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what the envs showed last, and where the noise goes on."""
+        return {
+            "observations": self._observations.copy(),
+            "positions": self._positions.copy(),
+            "taken": self._taken,
+            "generator": self._generator.get_state(),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from what the envs showed last, instead of a reset."""
+        self._observations, self._positions = np.array(state["observations"]), np.array(state["positions"])
+        self._taken = int(state["taken"])
+        self._generator.set_state(state["generator"].cpu())
+
+
+class _Tape:
+    """Steps as they come, to be stacked into a rollout once."""
+
+    def __init__(self) -> None:
+        self.steps: list[tuple[Array, ...]] = []
+        self.decisions: list[Decision] = []
+        self.final_observations: list[Array] = []
+        self.final_positions: list[Array] = []
+
+    def rollout(self, last_observations: Array, last_positions: Array, device: torch.device) -> Rollout:
+        """Stack everything into tensors on `device`."""
+        observations, positions, rewards, terminated, truncated = map(np.stack, zip(*self.steps, strict=True))
+        actions, log_probs, values = map(torch.stack, zip(*self.decisions, strict=True))
+        next_positions = np.concatenate((positions[1:], last_positions[None]))
+        if self.final_positions:
+            next_positions[terminated | truncated] = self.final_positions
+        final_observations = np.array(self.final_observations, dtype=observations.dtype)
+
+        def tensor(array: Array) -> Tensor:
+            return torch.from_numpy(array).to(device)
+
+        return Rollout(
+            observations=tensor(observations),
+            actions=actions.clone(),
+            rewards=tensor(rewards.astype(np.float32)),
+            terminated=tensor(terminated),
+            truncated=tensor(truncated),
+            values=values.clone(),
+            log_probs=log_probs.clone(),
+            last_observations=tensor(last_observations.copy()),
+            final_observations=tensor(final_observations.reshape(-1, *observations.shape[2:])),
+            positions=tensor(positions),
+            next_positions=tensor(next_positions),
+        )
+
+
+def _refuse_not_finite(observations: Array, step: int) -> None:
+    """Stop at an observation that holds a number that is not finite, before anything learns from it.
+
+    Raises:
+        ValueError: One does; the message names the sub-env and its step.
+    """
+    if observations.dtype.kind == "f" and not np.isfinite(observations).all():
+        rows = np.isfinite(observations.reshape(len(observations), -1)).all(axis=1)
+        env = int(np.flatnonzero(~rows)[0])
+        raise ValueError(f"The observation of sub-environment {env} after its step {step} is not finite.")
+
+
+def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
+    """Return what turns actions into ones that the env accepts: continuous ones are clipped to their box."""
+    if isinstance(space, gymnasium.spaces.Box):
+        low, high = space.low, space.high
+        return lambda actions: np.clip(actions, low, high)
+    return lambda actions: actions
+
+
+def stacked(space: gymnasium.Space[Any], stack: int) -> gymnasium.Space[Any]:
+    """Return the space of observations to which `stack` earlier ones are joined.
+
+    Raises:
+        ValueError: The observations are no arrays, so there is nothing to join them along.
+    """
+    if stack == 0:
+        return space
+    if not isinstance(space, gymnasium.spaces.Box):
+        raise ValueError(f"Hyperparameter stack={stack} must be 0 where observations are in {space}.")
+    low, high = (np.tile(bound, stack + 1) for bound in (space.low, space.high))
+    return gymnasium.spaces.Box(low, high, dtype=space.dtype.type)
