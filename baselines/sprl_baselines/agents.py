@@ -12,6 +12,7 @@ from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
+from sprl_baselines.count import Count, CountConfig
 from sprl_baselines.eco import ECO, ECOConfig
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
 from sprl_baselines.icm import ICM, ICMConfig
@@ -23,6 +24,7 @@ from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import load_weights
 from sprl_baselines.ppo import PPO, PPOConfig
 from sprl_baselines.presets import preset
+from sprl_baselines.rnd import RND, RNDConfig
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
 
 C = TypeVar("C", bound=Config)
@@ -216,9 +218,11 @@ class LearningAgentFactory(Generic[C]):
         return config, bonus_config
 
 
+count = LearningAgentFactory("count", Count, CountConfig, privileged=Count.privileged)
 eco = LearningAgentFactory("eco", ECO, ECOConfig)
 gt_grid = LearningAgentFactory("gt-grid", GTGrid, GTGridConfig, privileged=GTGrid.privileged)
 gt_sprl = LearningAgentFactory("gt-sprl", SPRL.true, ConstraintConfig, privileged=True)
 icm = LearningAgentFactory("icm", ICM, ICMConfig)
 ppo = LearningAgentFactory("ppo", NoBonus, NoBonusConfig)
+rnd = LearningAgentFactory("rnd", RND, RNDConfig)
 sprl = LearningAgentFactory("sprl", SPRL.learned, SPRLConfig)

@@ -40,6 +40,7 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
         "icm_learning_rate": 0.0005,
     },
     "ppo": {**COMMON, "entropy_coefficient": 0.01},
+    "rnd": EXPLORING,
     "sprl": {**EXPLORING, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 20},
 }
 

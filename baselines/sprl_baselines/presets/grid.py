@@ -8,11 +8,13 @@ from typing import Any
 # Table 1's final values are the defaults, but for SPRL's learning rate.
 SPRL: Mapping[str, Any] = {"learning_rate": 0.01}
 TABLE: Mapping[str, Mapping[str, Any]] = {
+    "count": {},
     "eco": {},
     "gt-grid": {},
     "gt-sprl": SPRL,
     "icm": {},
     "ppo": {},
+    "rnd": {},
     "sprl": SPRL,
 }
 
