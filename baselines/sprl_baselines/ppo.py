@@ -8,7 +8,7 @@ settings, except where a sweep decided (docs/ppo-sweep.md).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import torch
@@ -38,8 +38,10 @@ class PPOConfig(Config):
     anneal_learning_rate: bool = True  # let it fall linearly to 0 over the budget
     adam_epsilon: Positive = 1e-5  # Adam's guard against division by zero
     max_grad_norm: Positive = 0.5  # longer gradients are cut to this length
-    gamma: Share = 0.99  # discount per env step
+    gamma: Share = 0.99  # discount
     gae_lambda: Share = 0.95  # from one-step errors (0) to whole returns (1) in the advantage estimate
+    # What both are per: an env step, or the time of a reference action, of which an env step may be a part (Fetch).
+    discount_per: Annotated[str, Choice("action", "reference-action")] = "action"
     bootstrap_on_truncation: bool = False  # whether an episode cut by its time limit keeps its successor's value
     normalize_advantages: bool = True  # to zero mean and unit deviation within each minibatch
     clip_range: Positive = 0.2  # how far the probability ratio may gain from moving away from 1
@@ -57,6 +59,12 @@ class PPOConfig(Config):
     stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
+
+    def timed(self, action_time: float) -> PPOConfig:
+        """Return the config with `gamma` and `gae_lambda` per env step, where a step lasts so many reference actions."""
+        if self.discount_per == "action":
+            return self
+        return replace(self, gamma=self.gamma**action_time, gae_lambda=self.gae_lambda**action_time)
 
     def __post_init__(self) -> None:
         super().__post_init__()

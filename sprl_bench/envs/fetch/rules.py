@@ -66,8 +66,15 @@ class Rules:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """Return what Gymnasium wants to know about rendering; frames a second are actions a simulated second."""
-        return {"render_modes": list(_RENDER_MODES), "render_fps": round(1 / (self.substep * _TIMESTEP))}
+        """Return the render modes, the actions in a simulated second, and an action's duration.
+
+        `action_time` is the duration of an action divided by that of a reference action of 20 simulation steps.
+        """
+        return {
+            "render_modes": list(_RENDER_MODES),
+            "render_fps": round(1 / (self.substep * _TIMESTEP)),
+            "action_time": self.substep / REFERENCE_SUBSTEP,
+        }
 
     def applied(self, actions: Actions, generators: list[np.random.Generator]) -> Actions:
         """Return what the simulation gets: the actions [N, 4] with each generator's noise, clipped.
