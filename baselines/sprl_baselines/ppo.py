@@ -61,7 +61,7 @@ class PPOConfig(Config):
     mlp_units: Count = 256  # width of each
 
     def timed(self, action_time: float) -> PPOConfig:
-        """Return the config with `gamma` and `gae_lambda` per env step, where a step lasts so many reference actions."""
+        """Return the config with `gamma` and `gae_lambda` per env step, which lasts so many reference actions."""
         if self.discount_per == "action":
             return self
         return replace(self, gamma=self.gamma**action_time, gae_lambda=self.gae_lambda**action_time)
