@@ -16,7 +16,7 @@ import torch
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.rollout import Collector, Decision
+from sprl_baselines.learning.collector import Collector, Decision
 from sprl_baselines.sprl import SPRL, ConstraintConfig
 
 mpl.use("Agg")
