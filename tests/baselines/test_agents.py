@@ -182,7 +182,7 @@ def test_there_is_no_state_before_training() -> None:
 
 def test_a_preset_that_is_no_text_is_refused() -> None:
     for wrong in (3, [1], None):
-        with pytest.raises(ValueError, match=r"preset=.* must be text"):
+        with pytest.raises(ValueError, match=r"preset is .*; it must be text"):
             ppo.hyperparameters("grid", {"preset": wrong})
 
 
@@ -334,7 +334,9 @@ def test_the_scale_of_a_bonus_reaches_the_learner_and_nothing_else(name: str, mo
 
 
 def test_minibatches_beyond_the_rollout_are_refused_before_anything_is_run() -> None:
-    with pytest.raises(ValueError, match=r"icm_minibatches=1537 must be at most num_envs \* rollout_length, 1536"):
+    with pytest.raises(
+        ValueError, match=r"icm_minibatches is 1537; it must be at most num_envs \* rollout_length, 1536"
+    ):
         FACTORIES["icm"].hyperparameters("grid", {"icm_minibatches": 1537})
 
 
@@ -385,8 +387,8 @@ def test_a_wrong_hyperparameter_is_refused_when_resolved_and_when_made(name: str
     factory = FACTORIES[name]
     for wrong, complaint in (
         ({"num_env": 3}, r"Unknown hyperparameter 'num_env'; did you mean 'num_envs'\?"),
-        ({"num_envs": 0}, r"num_envs=0 must be a whole number, at least 1"),
-        ({"num_envs": "many"}, r"num_envs='many' must be a whole number"),
+        ({"num_envs": 0}, r"num_envs is 0; it must be a whole number, at least 1"),
+        ({"num_envs": "many"}, r"num_envs is 'many'; it must be a whole number"),
     ):
         with pytest.raises(ValueError, match=complaint):
             factory.hyperparameters("grid", wrong)

@@ -215,7 +215,7 @@ def test_action_noise_is_a_function_of_its_seed_and_goes_on_where_it_was_saved()
 
 
 def test_action_noise_is_refused_where_actions_are_not_continuous() -> None:
-    with pytest.raises(ValueError, match=r"action_noise=0.1 must be 0 where actions are in Discrete\(2\)"):
+    with pytest.raises(ValueError, match=r"action_noise is 0.1; it must be 0 for actions in Discrete\(2\)"):
         Collector(vector(*SCRIPTS), 4, CPU, action_noise=0.1)
 
 
@@ -251,7 +251,7 @@ def test_joined_observations_have_a_space_of_their_own() -> None:
     assert stacked(space, 0) is space
     assert stacked(space, 1) == spaces.Box(np.float32([-1, 0, -1, 0]), np.float32([1, 5, 1, 5]))
     assert stacked(spaces.Box(0, 255, (7, 7, 3), np.uint8), 4) == spaces.Box(0, 255, (7, 7, 15), np.uint8)
-    with pytest.raises(ValueError, match=r"stack=1 must be 0 where observations are in Discrete\(3\)"):
+    with pytest.raises(ValueError, match=r"stack is 1; it must be 0 for observations in Discrete\(3\)"):
         stacked(spaces.Discrete(3), 1)
 
 

@@ -147,11 +147,15 @@ def test_grids_are_told_by_their_shape(shape: tuple[int, ...], found: tuple[int,
 @pytest.mark.parametrize(
     ("observations", "actions", "complaint"),
     [
-        (spaces.Box(0, 1, (4, 4), np.float32), ACTIONS, "No network for observations"),
-        (spaces.Discrete(5), ACTIONS, "No network for observations"),
-        (spaces.Box(0, 255, (84, 84, 3), np.uint8), ACTIONS, r"need \(H, W, 3\) uint8 of at most 32 cells a side or"),
-        (FLAT, spaces.MultiDiscrete([2, 2]), "No policy for actions"),
-        (FLAT, spaces.Discrete(3, start=1), "No policy for actions"),
+        (spaces.Box(0, 1, (4, 4), np.float32), ACTIONS, "observation_space is .*; it must be"),
+        (spaces.Discrete(5), ACTIONS, "observation_space is .*; it must be"),
+        (
+            spaces.Box(0, 255, (84, 84, 3), np.uint8),
+            ACTIONS,
+            r"it must be \(H, W, 3\) uint8 with at most 32 cells along each side or a flat Box",
+        ),
+        (FLAT, spaces.MultiDiscrete([2, 2]), "action_space is .*; it must be"),
+        (FLAT, spaces.Discrete(3, start=1), "action_space is .*; it must be"),
     ],
 )
 def test_spaces_without_a_network_are_refused(observations: Any, actions: Any, complaint: str) -> None:

@@ -220,7 +220,7 @@ def test_the_flat_network_is_that_of_appendix_g4() -> None:
 
 
 def test_other_observations_are_refused() -> None:
-    with pytest.raises(ValueError, match="No reachability network for observations in Discrete"):
+    with pytest.raises(ValueError, match=r"observation_space is Discrete.*; it must be"):
         reachability_network(
             spaces.Discrete(3),
             generator(),
@@ -461,14 +461,14 @@ def test_weights_decay_and_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"pair_batch": 128, "max_pairs": 100}, "pair_batch=128 must be at most max_pairs, 100"),
+        ({"pair_batch": 128, "max_pairs": 100}, "pair_batch is 128; it must be at most max_pairs, 100"),
         (
             {"replay_size": 44},
-            "replay_size=44 must be more than 44, num_envs times the 22 steps to the nearest negative",
+            "replay_size is 44; it must be more than 44, num_envs times the 22 steps to the nearest negative",
         ),
         (
             {"replay_size": 46, "negatives": "double"},
-            "replay_size=46 must be more than 46, num_envs times the 23 steps to the nearest negative",
+            "replay_size is 46; it must be more than 46, num_envs times the 23 steps to the nearest negative",
         ),
     ],
 )
