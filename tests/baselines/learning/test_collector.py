@@ -258,7 +258,7 @@ def test_joined_observations_have_a_space_of_their_own() -> None:
 @pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
 def test_other_ways_to_reset_are_refused(mode: str) -> None:
     envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=2, autoreset_mode=mode)
-    with pytest.raises(ValueError, match=r"autoreset_mode=.*agents need .*SAME_STEP"):
+    with pytest.raises(ValueError, match=r"autoreset_mode of the vector env is .*; it must be .*SAME_STEP"):
         Collector(envs, 4, CPU)
 
 
