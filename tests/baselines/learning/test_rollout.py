@@ -113,11 +113,9 @@ def drawn_rollout() -> Rollout:
 
 def test_what_was_observed_visited_and_followed() -> None:
     rollout = drawn_rollout()
-    observations, following = (
-        rollout.observations,
-        torch.cat((rollout.observations[1:], rollout.last_observations[None])),
-    )
-    visited = torch.cat((observations, rollout.last_observations[None])).flatten(0, 1)
+    observations, last = rollout.observations, rollout.last_observations[None]
+    following = torch.cat((observations[1:], last))
+    visited = torch.cat((observations, last)).flatten(0, 1)
     following[rollout.ended] = rollout.final_observations
     assert torch.equal(rollout.observed.expanded(), observations.flatten(0, 1))
     assert torch.equal(rollout.visited.distinct, Rows.of(visited).distinct)
