@@ -26,8 +26,8 @@ class ReachabilityConfig(HorizonConfig):
 
     positive_bias: Count = 5  # the next anchor lies 1 to this many steps after the positive (Table 1)
     negative_bias: Whole = 20  # negatives lie at least k plus this many steps after their anchor (Table 1)
-    # "episode": negatives lie up to the end of the episode (Algorithm 1); "double": between k + tolerance + the bias and
-    # k + tolerance + double the bias, as for measuring accuracy (appendix B.1)
+    # "episode": negatives lie up to the end of the episode (Algorithm 1); "double": from k + tolerance + the bias to
+    # k + tolerance + double the bias, the range on which accuracy is measured (appendix B.1)
     negatives: Annotated[str, Choice(*NEGATIVES)] = "episode"
     replay_size: Count = 60_000  # env steps in the replay (appendix B.1)
     train_every: Count = 6_000  # env steps between two trainings, at first (appendix E.3)
