@@ -13,7 +13,7 @@ PROSE: Final = (*TRIED, "CHANGELOG.md", "CONTRIBUTING.md", "notes/*.md")
 COMMAND: Final = "sprl-bench "
 SHELLS: Final = ("", "bash", "console")
 SKIP: Final = re.compile(r"<!-- test: skip because (.{10,}) -->")
-LINK: Final = re.compile(r"\]\((?!https?:)([^)#\s]+)")
+LINK: Final = re.compile(r"\]\((?!https?:)([^)#\s]+)(?:#([^)]+))?\)")
 
 
 class Block(NamedTuple):
@@ -50,9 +50,22 @@ def words_of(page: str) -> int:
     return len(text_of(page).split())
 
 
-def links_of(page: str) -> list[str]:
-    """Return the targets of all relative links and images."""
-    return LINK.findall(text_of(page))
+def broken_links(page: str) -> list[str]:
+    """Return the relative links and images whose file or heading does not exist."""
+    folder = (ROOT / page).parent
+    return [
+        f"{target}#{heading}" for target, heading in LINK.findall(text_of(page)) if not _leads(folder / target, heading)
+    ]
+
+
+def _leads(path: Path, heading: str) -> bool:
+    return path.exists() and (not heading or heading in _headings(path.read_text(encoding="utf-8")))
+
+
+def _headings(text: str) -> list[str]:
+    """Return the names by which a page's headings are linked."""
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return [re.sub(r"[^\w -]", "", title).lower().replace(" ", "-") for title in titles]
 
 
 def blocks_of(page: str) -> list[Block]:
