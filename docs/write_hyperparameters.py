@@ -24,8 +24,8 @@ from sprl_baselines.sprl import ConstraintConfig
 
 HEAD: Final = """# Hyperparameters
 
-All hyperparameters of all agents. `--set NAME=VALUE` changes one. The defaults are those of the grids; the last table shows
-what each preset changes. The record of a run holds the values that were used.
+All hyperparameters of all agents. `--set NAME=VALUE` changes one. The defaults are those of the grids; the last table
+shows what each preset changes. The record of a run holds the values that were used.
 
 `python docs/write_hyperparameters.py docs/hyperparameters.md` writes this page.
 """
