@@ -25,7 +25,7 @@ from pages import PROSE, ROOT, TRIED, Block, blocks_of, broken_links, pages, tex
 from sprl_bench import executors, suite
 from sprl_bench.cli import main
 from sprl_bench.recorder.fingerprint import fingerprint
-from sprl_bench.records import RunRecord, RunSpec, write
+from sprl_bench.records import RunRecord, RunSpec, read, write
 from sprl_bench.records.folder import RECORD
 from sprl_bench.tasks import SUITES
 
@@ -132,6 +132,7 @@ def test_what_a_page_says_can_be_done(
         reader.read_to(block)
     finally:
         forget_modules(reader.folder)
+    assert {read(path, RunRecord).status for path in reader.folder.rglob(RECORD)} <= {"complete"}
 
 
 @pytest.mark.parametrize("page", pages(PROSE))
