@@ -1,6 +1,6 @@
-"""Write every hyperparameter down: `python docs/write_hyperparameters.py docs/hyperparameters.md`.
+"""Write the page of all hyperparameters: `python docs/write_hyperparameters.py docs/hyperparameters.md`.
 
-What each means is the comment that it has in its config class; nothing is said twice.
+What each means is its comment in its config class.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from sprl_baselines.sprl import ConstraintConfig
 
 HEAD: Final = """# Hyperparameters
 
-Every one of every agent, as `--set NAME=VALUE` takes it. The defaults are those of the grids. What presets change
-stands at the end; a run's record holds what came of both.
+All hyperparameters of all agents. `--set NAME=VALUE` changes one. The defaults are those of the grids; the last table
+shows what each preset changes. The record of a run holds the values that were used.
 
 `python docs/write_hyperparameters.py docs/hyperparameters.md` writes this page.
 """

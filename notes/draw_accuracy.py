@@ -1,8 +1,8 @@
-"""Draw how well the reachability network learns: `python docs/draw_accuracy.py docs/accuracy.png RUNS...`.
+"""Draw how well the reachability network learns: `python notes/draw_accuracy.py notes/accuracy.png RUNS...`.
 
-RUNS are folders of runs by `sprl` and `eco`; docs/accuracy.md says how they are made. Its figures are printed: what the
-networks reached, over seeds, and what the exact search scores by the same measure on the steps of a uniformly random
-policy and of the policies that the runs ended with.
+RUNS are folders of runs by `sprl` and `eco`; notes/accuracy.md says how they are made. Prints the table of that page:
+the accuracy of the networks over seeds, and what exact search scores by the same measure on the steps of a uniformly
+random policy and of the policies that the runs ended with.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Draw where walks of low and of high cost go, in the manner of Figure 22: `python docs/draw_costs.py docs/costs.png`.
+"""Draw where walks of low and of high cost go, as Figure 22 does: `python notes/draw_costs.py docs/costs.png`.
 
-All walks begin in one state of FourRooms-11x11 and take 60 uniformly random actions; SPRL's cost is that of Table 1's
-settings with the ground truth. Walks that find the goal are left out, as they are shorter.
+All walks begin in one state of FourRooms-11x11 and take 60 uniformly random actions. SPRL's cost has Table 1's settings
+and exact search. Walks that find the goal are left out, because they are shorter.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import torch
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.rollout import Collector, Decision
+from sprl_baselines.learning.collector import Collector, Decision
 from sprl_baselines.sprl import SPRL, ConstraintConfig
 
 mpl.use("Agg")

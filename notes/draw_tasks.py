@@ -1,4 +1,4 @@
-"""Draw the README's pictures of tasks: `python docs/draw_tasks.py grids docs/grids.png`, `... fetch docs/fetch.png`."""
+"""Draw the pictures of the tasks: `python notes/draw_tasks.py grids docs/grids.png`, `... fetch docs/fetch.png`."""
 
 from __future__ import annotations
 

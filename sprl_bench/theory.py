@@ -1,17 +1,17 @@
-"""The k-shortest-path constraint, counted: what it prunes and what it keeps (Sohn et al. 2021, Lemma 2, Theorem 1).
+"""Exact counts of the trajectories that satisfy the k-shortest-path constraint (Sohn et al. 2021, Lemma 2, Theorem 1).
 
-A small deterministic world is one table of successors, with states that end the episode. On it the constraint is a
-property of trajectories and can be counted exactly. With s_0, s_1, ... the states and D(s, s') the least number of
-steps from s to s' that meet no reward before s' (D_nr of Definition 4), a trajectory is *admissible for k* if
+A small deterministic world is a table of successors, with states that end the episode. There, the trajectories that
+satisfy the constraint can be counted exactly. Let s_0, s_1, ... be the states, and D(s, s') the smallest number of
+steps from s to s' without a reward before s' (D_nr of Definition 4). A trajectory is *admissible for k* if
 
     D(s_{t-j}, s_t) = j    for every t and every j from 1 to min(k, t):
 
-no stretch of at most k steps could have been shorter. For k = 0 nothing is asked. Reward lies on the goal only and the
-goal ends the episode (the single-goal case of appendix I), so that no stretch ever crosses a reward.
+every stretch of at most k steps is a shortest path. For k = 0 all trajectories are admissible. Only the goal is
+rewarded, and it ends the episode (the single-goal case of appendix I), so no stretch contains a reward before its end.
 
-Two things are stricter than in Definition 6. It asks this of the stretches that lead on to a reward, while here
-trajectories that find none are held to it as well, as the cost of the algorithm does. And windows shorter than k count
-from the first step on. Counts are Python's integers, exact at any size; shares are their correctly rounded quotients.
+This is stricter than Definition 6 in two ways. Definition 6 only constrains the stretches before a reward; here, as for
+the cost of the algorithm, trajectories without a reward are constrained too. And stretches shorter than k count from
+the first step on. Counts are Python integers, exact at any size; shares are their correctly rounded quotients.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from sprl_bench.envs.grid.encoding import WALL
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 Window = tuple[int, ...]
-"""The last states of a trajectory, the present one at the end: as many as the constraint looks back on."""
+"""The last states of a trajectory that the constraint depends on, ending with the current one."""
 
 NOWHERE: Final = -1
 STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # (x, y) in the order of the directions: right, down, left, up
@@ -43,58 +43,58 @@ class World:
     """A deterministic world with one start.
 
     Raises:
-        TypeError: The start is no integer.
-        ValueError: The table names a state that does not exist, or the shapes do not fit.
+        TypeError: The start is not an integer.
+        ValueError: The table has a state that does not exist, or a shape is wrong.
     """
 
     successors: Integers  # [S, A] the state after each action
-    goal: Flags  # [S] whether arriving there is rewarded and ends the episode
+    goal: Flags  # [S] whether reaching the state is rewarded and ends the episode
     start: int
 
     def __post_init__(self) -> None:
         states = len(self.successors)
         if self.successors.ndim != 2 or self.successors.dtype != np.int64 or not self.successors.size:
             raise ValueError(
-                f"successors must be int64 [S, A], got {self.successors.dtype} {list(self.successors.shape)}."
+                f"successors is {self.successors.dtype} {list(self.successors.shape)}; it must be int64 [S, A]."
             )
         low, high = int(self.successors.min()), int(self.successors.max())
         if low < 0 or high >= states:
-            raise ValueError(f"successors must be states from 0 to {states - 1}, got {low} to {high}.")
+            raise ValueError(f"successors is from {low} to {high}; it must be states from 0 to {states - 1}.")
         check_array("goal", self.goal, (states,), np.dtype(np.bool_))
         check_integer("start", self.start, 0, states - 1)
 
 
 class Counts(NamedTuple):
-    """How many trajectories from the start are admissible, by their number of steps t = 0 .. T.
+    """The numbers of admissible trajectories from the start with t = 0 .. T steps.
 
-    Two actions with the same successor make two trajectories: these are the nodes of the rollout tree.
+    Two actions with the same successor give two trajectories: the trajectories are the nodes of the rollout tree.
     """
 
-    running: tuple[int, ...]  # [T + 1] of t steps, not on the goal
-    ended: tuple[int, ...]  # [T + 1] that reach the goal with their t-th step
+    running: tuple[int, ...]  # [T + 1] with t steps, not on the goal
+    ended: tuple[int, ...]  # [T + 1] that reach the goal at step t
 
     @property
     def trajectories(self) -> tuple[int, ...]:
-        """Trajectories of t steps, and the shorter ones that have ended: the leaves of a tree cut at depth t, [T + 1].
+        """Trajectories of t steps, and the shorter ones that have ended: the leaves of the tree of depth t, [T + 1].
 
-        A trajectory that can go on, but not admissibly, is counted up to its last admissible step and no further.
+        A trajectory with no admissible next step is not counted beyond its last step.
         """
         return tuple(a + b for a, b in zip(self.running, accumulate(self.ended), strict=True))
 
     @property
     def tree_sizes(self) -> tuple[int, ...]:
-        """Nodes of the rollout tree down to depth t, its root included, [T + 1]."""
+        """Nodes of the rollout tree of depth t, including its root, [T + 1]."""
         return tuple(accumulate(a + b for a, b in zip(self.running, self.ended, strict=True)))
 
 
 def cardinal_world(observation: NDArray[np.uint8]) -> World:
-    """Return the world of moves right, down, left, up on the free cells of a map; against a wall, nothing moves.
+    """Return the world of moves right, down, left and up on the free cells of a map; walls block moves.
 
     Args:
-        observation: Of a FourRooms task, uint8 [S, S, 3]: the start is the agent's cell.
+        observation: Observation of a FourRooms task, uint8 [S, S, 3]. The start is the agent's cell.
 
     Raises:
-        ValueError: It is no map, or a key or a door is on it.
+        ValueError: It is not a map, or it has a key or a door.
     """
     cells, agent, _, goal = _read(observation)
     successors = [[_neighbour(cells, cell, *step) for step in STEPS] for cell in cells]
@@ -102,15 +102,15 @@ def cardinal_world(observation: NDArray[np.uint8]) -> World:
 
 
 def pose_world(observation: NDArray[np.uint8]) -> World:
-    """Return the world of turn left, turn right and forward: a state is a free cell and one of four directions.
+    """Return the world of the actions left, right and forward; a state is a free cell and a direction.
 
-    The goal is reached in any direction. The other four actions of the tasks do nothing there and are left out.
+    The goal is reached in any direction. The other four actions of FourRooms have no effect and are left out.
 
     Args:
-        observation: Of a FourRooms task, uint8 [S, S, 3]: the start is the agent's pose.
+        observation: Observation of a FourRooms task, uint8 [S, S, 3]. The start is the agent's pose.
 
     Raises:
-        ValueError: It is no map, or a key or a door is on it.
+        ValueError: It is not a map, or it has a key or a door.
     """
     cells, agent, direction, goal = _read(observation)
     successors = [
@@ -131,7 +131,7 @@ def _read(observation: NDArray[np.uint8]) -> tuple[dict[Cell, int], Cell, int, C
     state = solver.parse(observation[None])
     size = observation.shape[0]
     if state.door[0] != NOWHERE or state.key[0] != size * size:
-        raise ValueError("observation must be a map without key and door, as FourRooms has it.")
+        raise ValueError("observation has a key or a door; it must be a map of FourRooms.")
     free = [(x, y) for y in range(size) for x in range(size) if observation[y, x, 0] != WALL]
     agent, goal = int(state.agent[0]), int(state.goal[0])
     return (
@@ -143,12 +143,12 @@ def _read(observation: NDArray[np.uint8]) -> tuple[dict[Cell, int], Cell, int, C
 
 
 def _neighbour(cells: dict[Cell, int], cell: Cell, right: int, down: int) -> int:
-    """Return the number of the next cell, or of this one if a wall is there."""
+    """Return the number of the neighbouring cell, or of this cell if there is a wall."""
     return cells.get((cell[0] + right, cell[1] + down), cells[cell])
 
 
 def distances(world: World) -> Integers:
-    """Return D from each state to each other, [S, S]: -1 where no way leads, and none leads on from the goal."""
+    """Return D between all states, [S, S]; -1 if unreachable. No state is reachable from the goal but itself."""
     states = len(world.successors)
     leads_to = np.zeros((states, states), np.bool_)
     leads_to[np.arange(states)[:, None], world.successors] = True
@@ -162,7 +162,7 @@ def distances(world: World) -> Integers:
 
 
 def num_reachable(world: World) -> int:
-    """Return how many states the start leads to, itself included."""
+    """Return the number of states that are reachable from the start, including itself."""
     return int(np.count_nonzero(distances(world)[world.start] != NOWHERE))
 
 
@@ -175,7 +175,7 @@ def shortest_path(world: World) -> list[int]:
     table = distances(world)
     goals = [state for state in np.flatnonzero(world.goal) if table[world.start, state] != NOWHERE]
     if not goals:
-        raise ValueError("No goal can be reached from the start.")
+        raise ValueError("world has no reachable goal; it must have one.")
     target = min(goals, key=lambda state: int(table[world.start, state]))
     path = [world.start]
     while path[-1] != target:
@@ -185,12 +185,12 @@ def shortest_path(world: World) -> list[int]:
 
 
 def is_admissible(trajectory: Sequence[int], table: Integers, k: int) -> bool:
-    """Return whether no stretch of at most k steps could have been shorter: the definition, word for word.
+    """Return whether every stretch of at most k steps is a shortest path, by the definition.
 
     Args:
         trajectory: States, [L + 1].
         table: The distances between all states, [S, S].
-        k: The longest stretch that is looked at; 0 for no constraint.
+        k: The longest constrained stretch; 0 for no constraint.
     """
     check_integer("k", k, 0)
     return all(
@@ -199,9 +199,9 @@ def is_admissible(trajectory: Sequence[int], table: Integers, k: int) -> bool:
 
 
 class _Constraint:
-    """What may come next. Of all stretches that end there only the longest must be looked at.
+    """The admissible next states. It is enough to check the longest stretch that ends there.
 
-    For if D(s_{t-m}, s_t) = m along a path of m steps, every stretch inside it is a shortest path too.
+    If D(s_{t-m}, s_t) = m for a path of m steps, then every stretch inside it is a shortest path too.
     """
 
     def __init__(self, world: World, k: int) -> None:
@@ -210,14 +210,14 @@ class _Constraint:
         self._distances: list[list[int]] = distances(world).tolist()
 
     def options(self, window: Window) -> list[int]:
-        """Return the admissible next states after these, once for each action that leads there."""
+        """Return the admissible next states, once for each action with that successor."""
         if not self._k:
             return self.successors(window)
         reach = self._distances[window[0]]
         return [state for state in self.successors(window) if reach[state] == len(window)]
 
     def successors(self, window: Window) -> list[int]:
-        """Return the next states, admissible or not, one for each action."""
+        """Return all next states, one for each action."""
         return self._successors[window[-1]]
 
     def extend(self, window: Window, state: int) -> Window:
@@ -228,12 +228,12 @@ class _Constraint:
 def count_trajectories(world: World, k: int, horizon: int) -> Counts:
     """Count the admissible trajectories from the start by dynamic programming over their last k states.
 
-    Two trajectories with the same last k states have the same futures, so that their number is all that is carried on.
+    Trajectories with the same last k states have the same continuations, so only their number is stored.
 
     Args:
-        world: Where.
+        world: The world.
         k: The longest stretch that must be a shortest path; 0 counts all trajectories.
-        horizon: T, the most steps a trajectory has.
+        horizon: T, the largest number of steps.
     """
     constraint = _Constraint(world, k)
     counts: Counter[Window] = Counter({(world.start,): 1})
@@ -258,9 +258,9 @@ def _advance(counts: Counter[Window], constraint: _Constraint) -> Counter[Window
 
 
 def shares(world: World, k: int, horizon: int) -> list[float]:
-    """Return admissible over all trajectories for each number of steps, [T + 1].
+    """Return the share of admissible trajectories for each number of steps, [T + 1].
 
-    It never rises with k, for an admissible trajectory is admissible for every smaller k (Lemma 2).
+    It never increases with k: an admissible trajectory is admissible for every smaller k (Lemma 2).
     """
     admissible = count_trajectories(world, k, horizon).trajectories
     everything = count_trajectories(world, 0, horizon).trajectories
@@ -270,17 +270,17 @@ def shares(world: World, k: int, horizon: int) -> list[float]:
 def steps_to_goal(
     world: World, k: int, rng: np.random.Generator, *, episodes: int = 1000, limit: int = 100_000
 ) -> Integers:
-    """Simulate an explorer that knows the constraint and nothing else; return its steps until the goal, [episodes].
+    """Simulate a random explorer that satisfies the constraint; return its steps until the goal, [episodes].
 
-    It draws uniformly from the actions that keep the trajectory admissible. Where none does, it forgets all but the
-    present state, as if an episode began there; where even then none does, it draws from all actions.
+    It draws uniformly from the actions that keep the trajectory admissible. If there is none, it forgets all states but
+    the current one, as if an episode started there. If there is still none, it draws from all actions.
 
     Args:
-        world: Where.
+        world: The world.
         k: The longest stretch that must be a shortest path; 0 for a uniform random walk.
-        rng: Where its draws come from.
-        episodes: How often it starts.
-        limit: Steps after which it gives up: a walk cut off there counts as that many.
+        rng: Generator of its draws.
+        episodes: Number of walks.
+        limit: Largest number of steps; a walk that is stopped there counts as that many.
     """
     check_integer("episodes", episodes, 1)
     check_integer("limit", limit, 1)
@@ -290,7 +290,7 @@ def steps_to_goal(
 
 
 def _walk(start: int, goals: frozenset[int], constraint: _Constraint, rng: np.random.Generator, limit: int) -> int:
-    """Return the steps of one walk until a goal."""
+    """Return the number of steps of one walk until a goal."""
     window: Window = (start,)
     for step in range(limit):
         if window[-1] in goals:

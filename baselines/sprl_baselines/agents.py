@@ -1,4 +1,4 @@
-"""The one place where a learner and a bonus meet: an agent is PPO, trained on reward plus bonus."""
+"""An agent is PPO trained on reward plus bonus. This is the only file that combines the two."""
 
 from __future__ import annotations
 
@@ -34,13 +34,12 @@ Envs = VectorEnv[Any, Any, Any]
 class LearningAgent:
     """PPO with a bonus.
 
-    Torch's number of threads and its treatment of denormal numbers belong to the process: whoever starts it
-    sets them, and the agent leaves them alone.
+    The agent does not change torch's number of threads or its handling of denormal numbers: the process sets both.
 
     Args:
         config: Hyperparameters of the learner.
         make_bonus: Makes the bonus once the spaces are known.
-        seed: Source of every random choice.
+        seed: Seed of all random choices.
         device: Where to compute, such as "cpu" or "cuda".
     """
 
@@ -56,10 +55,10 @@ class LearningAgent:
     def train(self, envs: Envs, budget: int) -> Iterator[dict[str, float]]:
         """Train until `budget` env steps are taken, and yield metrics after each update.
 
-        Starts anew from the seed, or goes on from a loaded state without resetting the envs.
+        Starts from the seed, or continues from a loaded state without resetting the envs.
 
         Raises:
-            ValueError: The envs have another `num_envs` than the hyperparameters, or do not reset within a step.
+            ValueError: `num_envs` of the envs differs from the hyperparameter, or the autoreset mode is not SameStep.
         """
         self._start(envs)
         while self._steps < budget:
@@ -78,7 +77,7 @@ class LearningAgent:
         return {**own_metrics, **learner_metrics, **bonus_metrics}
 
     def _training_rewards(self, rollout: Rollout, bonus: torch.Tensor) -> torch.Tensor:
-        """Return what the learner learns from, `[T, N]`: the two rewards in one new tensor."""
+        """Return the training rewards, `[T, N]`: reward plus bonus, in a new tensor."""
         match self.config.reward_normalization:
             case "extrinsic":
                 return self._normalizer(rollout.rewards, rollout.ended) + bonus
@@ -90,7 +89,7 @@ class LearningAgent:
     def _start(self, envs: Envs) -> None:
         if envs.num_envs != self.config.num_envs:
             raise ValueError(
-                f"The agent was made for num_envs={self.config.num_envs}; the vector env has {envs.num_envs}."
+                f"num_envs of the vector env is {envs.num_envs}; it must be {self.config.num_envs}, the hyperparameter."
             )
         spaces = envs.single_observation_space, envs.single_action_space
         learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
@@ -127,10 +126,10 @@ class LearningAgent:
         self._collector.load_state_dict(state["collector"])
 
     def state_dict(self) -> dict[str, Any]:
-        """Return all that training depends on, between two updates.
+        """Return everything that the rest of training depends on. Call it between two updates.
 
         Raises:
-            RuntimeError: Training has not begun, so there is nothing to save.
+            RuntimeError: Training has not started, so there is no state.
         """
         self._require_begun()
         return {
@@ -143,26 +142,26 @@ class LearningAgent:
 
     def _require_begun(self) -> None:
         if not hasattr(self, "_steps"):
-            raise RuntimeError("the agent has no state before train() has begun")
+            raise RuntimeError("The agent has no state before train() has started.")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Let the next `train` go on from this state, or `policy` act by it."""
+        """Set the state that `train` continues from and `policy` acts with."""
         self._saved = state
 
     def weights(self) -> dict[str, Any]:
-        """Return the network's parameters, from where `policy` finds them in a whole state too."""
+        """Return the network's parameters, as the part of a state that `policy` needs."""
         self._require_begun()
         return {"learner": {"network": self.learner.state_dict()["network"]}}
 
     def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Callable[[Any], Any]:
-        """Return how the agent acts in a single environment by the state it was given: by chance, as in training.
+        """Return a function from one observation of a single environment to an action, sampled as in training.
 
         Raises:
-            ValueError: The agent acts on more than one observation, or the state is of another network.
-            RuntimeError: There is no state to act by.
+            ValueError: The agent needs more than one observation at a time, or the weights are of another network.
+            RuntimeError: The agent has no parameters yet.
         """
         if self.config.stack:
-            raise ValueError(f"An agent with stack={self.config.stack} acts on more than one observation at a time.")
+            raise ValueError(f"Hyperparameter stack is {self.config.stack}; it must be 0 to act on one observation.")
         view = self._make_view(observation_space)
         learner = PPO(observation_space, action_space, self.config, seed, self._device, view)
         load_weights(learner.network, (self._saved or self.weights())["learner"]["network"])
@@ -178,7 +177,7 @@ class LearningAgent:
 
 @dataclass(frozen=True)
 class LearningAgentFactory(Generic[C]):
-    """Makes agents of one kind: which bonus, with which hyperparameters."""
+    """Makes the agents of one method: a bonus class and its hyperparameters."""
 
     name: str
     bonus: Callable[[Setting, C], Bonus]
@@ -186,7 +185,7 @@ class LearningAgentFactory(Generic[C]):
     privileged: bool = False
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> LearningAgent:
-        """Make an agent; hyperparameters that are not given keep their defaults.
+        """Make an agent. Missing hyperparameters have their defaults.
 
         Raises:
             ValueError: A hyperparameter is unknown or out of range.
@@ -207,7 +206,7 @@ class LearningAgentFactory(Generic[C]):
         chosen = dict(overrides)
         name = chosen.pop("preset", "table")
         if not isinstance(name, str):
-            raise ValueError(f"Hyperparameter preset={name!r} must be text.")
+            raise ValueError(f"preset is {name!r}; it must be text.")
         values = {**preset(domain, name, self.name), **chosen}
         config, bonus_config = self._configs(values)
         return {**config.as_dict(), **bonus_config.as_dict()}

@@ -1,4 +1,4 @@
-"""What an exploration method adds to PPO: a bonus for each step, and how its own model learns."""
+"""What an exploration method adds to PPO: a bonus for each step, and the training of its own model."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from sprl_baselines.learning.rollout import Rollout
 class Bonus(Protocol):
     """An intrinsic reward.
 
-    One stream of steps gives the same rewards however it is cut into rollouts: what a bonus remembers of an
-    episode lives from one rollout to the next, and ends with the episode.
+    The rewards of a stream of steps do not depend on how the stream is cut into rollouts: episodic memory is kept
+    from one rollout to the next, and is cleared when the episode ends.
     """
 
     @property
     def privileged(self) -> bool:
-        """Whether it sees what an ordinary agent does not."""
+        """Whether the bonus uses more than observations and rewards, such as the true state."""
         ...
 
     def reward(self, rollout: Rollout) -> Tensor:
-        """Return the bonus of each step, already scaled and maybe negative, `[T, N]`.
+        """Return the bonus of each step, `[T, N]`, already scaled; it may be negative.
 
-        It may advance what is remembered of the episodes; it trains nothing and writes nothing to the rollout.
+        This may update episodic memory. It trains nothing and never writes to the rollout.
         """
         ...
 
@@ -39,17 +39,17 @@ class Bonus(Protocol):
         ...
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return all that later rewards depend on: nested mappings of tensors, arrays, numbers and strings."""
+        """Return everything that later rewards depend on: nested mappings of tensors, arrays, numbers and strings."""
         ...
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         ...
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Where a bonus has to work."""
+    """The environment, seed and device that a bonus is made for."""
 
     observation_space: Space[Any]  # of one sub-env
     action_space: Space[Any]  # of one sub-env
@@ -65,12 +65,12 @@ class NoBonusConfig(Config):
 
 
 class NoBonus:
-    """Nothing added: plain PPO."""
+    """No bonus: plain PPO."""
 
     privileged: ClassVar[bool] = False
 
     def __init__(self, setting: Setting, config: NoBonusConfig) -> None:
-        """Ignore both, as there is nothing to build."""
+        """Ignore both arguments: there is nothing to build."""
 
     def reward(self, rollout: Rollout) -> Tensor:
         """Return zeros, `[T, N]`."""
@@ -81,8 +81,8 @@ class NoBonus:
         return {}
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return nothing, as nothing is remembered."""
+        """Return an empty state."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take nothing."""
+        """Restore nothing."""

@@ -1,8 +1,8 @@
-"""ECO: a bonus for what no remembered state of the episode leads to (Savinov et al. 2019).
+"""ECO: a bonus for states that are unreachable from episodic memory within k steps (Savinov et al. 2019).
 
-Each episode fills a memory with states that were novel when they came. A new state's familiarity is a high quantile of
-how likely the remembered ones lead to it; the bonus is bonus_weight * (bias - familiarity), and it is 0 on the step
-that ends an episode.
+The memory of an episode holds the states that were novel when the agent saw them. The reachability network gives the
+probability that a remembered state leads to the new state within k steps; the new state's familiarity is a high
+quantile of these. The bonus is bonus_weight * (bias - familiarity), and 0 on the step that ends an episode.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from sprl_baselines.reachability import Judge, LearnedReachability, Reachability
 
 @dataclass(frozen=True)
 class ECOConfig(ReachabilityConfig):
-    """Hyperparameters; those of the grids are the defaults."""
+    """Hyperparameters; the defaults are for the grids."""
 
     k: Count = 3  # steps within which a state counts as reached (Table 1)
     bonus_weight: Weight = 0.001  # weight of the whole bonus (Table 1)
-    bias: float = 0.5  # what a step earns before its familiarity is taken off
+    bias: float = 0.5  # the bonus is positive where familiarity is below this
     novelty_threshold: Share = 0.5  # a state less familiar than this is remembered
-    familiarity_quantile: Share = 0.9  # of the answers, interpolated between ranks
-    memory_size: Count = 200  # states that an episode remembers; a full memory replaces one at random
+    familiarity_quantile: Share = 0.9  # of the network's answers, interpolated between ranks
+    memory_size: Count = 200  # states remembered in an episode; a full memory replaces one at random
 
 
 class ECO:
-    """Episodic curiosity. It pays nothing, and remembers nothing, until the network may be trusted."""
+    """Episodic curiosity. There is no bonus, and no memory, until the network is accurate enough (`ready`)."""
 
     privileged: ClassVar[bool] = False
 
@@ -53,7 +53,7 @@ class ECO:
         return bonus.masked_fill(rollout.ended, 0.0)
 
     def _familiarity(self, rollout: Rollout) -> Tensor:
-        """Walk through a rollout, remembering what is novel, `[T, N]`."""
+        """Go through a rollout step by step, store novel states, and return the familiarity of successors, `[T, N]`."""
         memory = self._memory if len(self._memory) else self._blank(rollout)
         states = Rows.of(memory.flatten(0, 1)) + rollout.visited
         episodes = _Episodes(states, self._counts, self.config, self._generator)
@@ -73,11 +73,11 @@ class ECO:
         return torch.zeros_like(first).expand(self.config.memory_size, *first.shape[1:])
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
-        """Let the network learn."""
+        """Train the network."""
         return {"remembered": float(self._counts.float().mean()), **self.reachability.update(rollout)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the episodes' memories, the generator's state and the network's."""
+        """Return the memories, the generator's state and the network's state."""
         return {
             "memory": self._memory.clone(),
             "counts": self._counts.clone(),
@@ -86,7 +86,7 @@ class ECO:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         device = self._counts.device
         self._memory, self._counts = state["memory"].to(device), state["counts"].to(device)
         self._generator.set_state(state["generator"].cpu())
@@ -94,13 +94,13 @@ class ECO:
 
 
 class _Episodes:
-    """The memories of N open episodes, as indices into the states of a rollout and what was remembered before it.
+    """The memories of N running episodes, as indices of states: the earlier memories, then the rollout's states.
 
     Args:
         states: `[(M + T + 1) * N]`, the first M * N of them the memories.
-        counts: States remembered, `[N]`.
+        counts: Number of states remembered, `[N]`.
         config: Sizes.
-        generator: Chooses what a full memory replaces.
+        generator: Chooses which state a full memory replaces.
     """
 
     def __init__(self, states: Rows, counts: Tensor, config: ECOConfig, generator: torch.Generator) -> None:
@@ -111,7 +111,7 @@ class _Episodes:
         self._slots = rows * len(counts) + self._envs.unsqueeze(1)  # [N, M] indices of states
 
     def remember(self, row: int, wanted: Tensor) -> None:
-        """Remember the states of a row where it is wanted, `[N]` bool."""
+        """Store the states of a row where `wanted` `[N]` is true."""
         size = self._config.memory_size
         replaced = torch.randint(size, self.counts.shape, generator=self._generator).to(self.counts.device)
         slots = torch.where(self.counts < size, self.counts, replaced)
@@ -120,7 +120,7 @@ class _Episodes:
         self.counts = (self.counts + wanted).clamp(max=size)
 
     def familiarity(self, row: int, judge: Judge) -> Tensor:
-        """Return the quantile of how likely the remembered states lead to those of a row, `[N]`."""
+        """Return the familiarity of the states of a row, `[N]`."""
         filled = torch.arange(int(self.counts.max()), device=self.counts.device) < self.counts.unsqueeze(1)
         envs, slots = filled.nonzero(as_tuple=True)
         answers = torch.full(filled.shape, torch.inf, device=filled.device)
@@ -128,12 +128,12 @@ class _Episodes:
         return _quantile(answers, self.counts, self._config.familiarity_quantile)
 
     def memory(self) -> Tensor:
-        """Return the remembered states themselves, `[M, N, ...]`."""
+        """Return the remembered states, `[M, N, ...]`."""
         return self._states[self._slots.T].expanded()
 
 
 def _quantile(values: Tensor, counts: Tensor, quantile: float) -> Tensor:
-    """Return the quantile of the finite values, `counts` in each row of `[N, C]`, linear between ranks, `[N]`."""
+    """Return the quantile of the first `counts` sorted values of each row of `[N, C]`, linear between ranks, `[N]`."""
     ranks = quantile * (counts - 1)
     ordered = values.sort(dim=1).values
     low, high = (ordered.gather(1, rank.long().unsqueeze(1)).squeeze(1) for rank in (ranks.floor(), ranks.ceil()))

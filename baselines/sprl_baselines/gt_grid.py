@@ -1,6 +1,7 @@
-"""GT-Grid: pays for each cell that is new in its episode, told by the env's true state (Savinov et al. 2019).
+"""GT-Grid: a bonus for each cell that is new in its episode (Savinov et al. 2019).
 
-An oracle of what is new, as no ordinary agent has it: the paper's baseline of that name (appendix D.3, Table 1).
+It is an oracle: it reads the agent's true position, which other agents do not see. The paper's baseline of this name
+(appendix D.3, Table 1).
 """
 
 from __future__ import annotations
@@ -24,21 +25,21 @@ from sprl_baselines.learning.rollout import Rollout
 class GTGridConfig(Config):
     """Hyperparameters of GT-Grid."""
 
-    bonus_weight: Weight = 0.01  # reward for the first visit of a place in its episode (Table 1)
+    bonus_weight: Weight = 0.01  # reward for the first visit of a cell in its episode (Table 1)
 
 
 class GTGrid:
-    """First visits, episode by episode.
+    """Counts first visits in each episode.
 
-    A step is paid for the place it leads to, which is the true successor's also where the episode ends. The place
-    where an episode starts counts as visited.
+    A step earns the bonus for the cell of its true successor, also at the end of an episode. The cell where an
+    episode starts counts as visited.
 
     Args:
-        setting: Where it works; observations are grids.
+        setting: Observations must be square grids.
         config: Hyperparameters.
 
     Raises:
-        ValueError: Observations are no grids.
+        ValueError: Observations are not square grids.
     """
 
     privileged: ClassVar[bool] = True
@@ -49,7 +50,7 @@ class GTGrid:
         self._visited = np.zeros((setting.num_envs, self._side**2), dtype=np.bool_)
 
     def reward(self, rollout: Rollout) -> Tensor:
-        """Return the weight where the true successor's place is new in the episode, else 0, `[T, N]`."""
+        """Return `bonus_weight` where the true successor's cell is new in the episode, else 0, `[T, N]`."""
         before, after = self._cells(rollout.positions), self._cells(rollout.next_positions)
         ended = rollout.ended.cpu().numpy()
         is_new = np.empty_like(ended)
@@ -73,9 +74,9 @@ class GTGrid:
         return {}
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return the places visited in the running episodes."""
+        """Return the cells visited in the running episodes."""
         return {"visited": self._visited.copy()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such places."""
+        """Restore such cells."""
         self._visited = np.array(state["visited"])

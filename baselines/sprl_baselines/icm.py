@@ -1,9 +1,8 @@
-"""ICM: pays for what a learned model of the dynamics does not foresee (Pathak et al. 2017).
+"""ICM: the bonus is the prediction error of a learned forward model (Pathak et al. 2017).
 
-Features phi of the observation are learned together with two models on them: a forward model that predicts the
-successor's features from the action, and an inverse model that infers the action from both. The bonus is the forward
-model's error. Error scale, clipping and weights follow the curiosity baseline of Savinov et al. (2019), as the paper's
-Tables 1 and 5 do.
+Features phi of the observation are learned together with two models: a forward model predicts the successor's features
+from the features and the action, and an inverse model infers the action from the features before and after it. Error
+scale, clipping and weights follow the curiosity baseline of Savinov et al. (2019), as the paper's Tables 1 and 5 do.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
 
-ERROR_SCALE = 0.5 * 288  # 288: the number of features that the published code has, and multiplies by everywhere
+ERROR_SCALE = 0.5 * 288  # the published code has 288 features on its images, and this factor for all of them
 
 
 @dataclass(frozen=True)
 class ICMConfig(Config):
     """Hyperparameters of ICM."""
 
-    bonus_weight: Weight = 0.1  # what the clipped error is multiplied by (Table 1)
-    forward_share: Share = 0.8  # of the forward loss in the model's loss; the rest is the inverse loss (Table 1)
-    icm_loss_weight: Weight = 0.3  # multiplies the model's loss before its gradient is cut (Table 1)
-    icm_learning_rate: Positive = 0.003  # step size of the model's own Adam: PPO's (Table 1)
-    icm_adam_epsilon: Positive = 1e-5  # its guard against division by zero
-    icm_max_grad_norm: Positive = 0.5  # longer gradients of the model are cut to this length
+    bonus_weight: Weight = 0.1  # factor of the clipped error (Table 1)
+    forward_share: Share = 0.8  # share of the forward loss; the rest is the inverse loss (Table 1)
+    icm_loss_weight: Weight = 0.3  # factor of the model's loss (Table 1)
+    icm_learning_rate: Positive = 0.003  # step size of the model's own Adam; the same as PPO's (Table 1)
+    icm_adam_epsilon: Positive = 1e-5  # Adam's guard against division by zero
+    icm_max_grad_norm: Positive = 0.5  # gradients with a larger norm are scaled down to it
     icm_epochs: Count = 4  # passes of the model over a rollout
     icm_minibatches: Count = 4  # its gradient steps in a pass
     icm_units: Count = 256  # width of the hidden layer of the forward and of the inverse model
@@ -50,18 +49,18 @@ class ICMConfig(Config):
         """Refuse more minibatches than transitions."""
         if self.icm_minibatches > num_steps:
             raise ValueError(
-                f"Hyperparameter icm_minibatches={self.icm_minibatches} must be at most num_envs * rollout_length, "
-                f"{num_steps}."
+                f"Hyperparameter icm_minibatches is {self.icm_minibatches}; "
+                f"it must be at most num_envs * rollout_length, {num_steps}."
             )
 
 
 class ICM:
     """The forward model's error as a bonus.
 
-    It remembers nothing of an episode, and a step that ends one is like any other: its successor is the true one.
+    It has no episodic memory. The last step of an episode counts like any other, with its true successor.
 
     Args:
-        setting: Where it works.
+        setting: Observations must be grids or flat; actions discrete or flat.
         config: Hyperparameters.
     """
 
@@ -82,13 +81,13 @@ class ICM:
         )
 
     def reward(self, rollout: Rollout) -> Tensor:
-        """Return weight * clip(error, -1, 1), `[T, N]`; no error is below 0."""
+        """Return bonus_weight * min(error, 1), `[T, N]`."""
         with torch.no_grad():
             errors: Tensor = self.network(Transitions.of(rollout)).errors
         return self._config.bonus_weight * errors.clamp(max=1).view_as(rollout.rewards)
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
-        """Train features and models on one rollout; return means over all gradient steps.
+        """Train features and models on one rollout; return the means over all gradient steps.
 
         Raises:
             ValueError: There are more minibatches than transitions.
@@ -113,11 +112,11 @@ class ICM:
         return {name: value.detach() for name, value in metrics.items()}
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return parameters, optimizer moments and the generator's state, copied."""
+        """Return copies of the parameters, the optimizer's moments and the generator's state."""
         return saved(self.network, self._optimizer, self._generator)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         restore(self.network, self._optimizer, self._generator, state)
 
 
@@ -126,7 +125,7 @@ class Transitions(Batch):
     """B steps to learn from, in any order."""
 
     observations: Rows  # [B, 2] each step's observation and its true successor
-    actions: Tensor  # [B] or [B, A], as drawn from the policy
+    actions: Tensor  # [B] or [B, A], as sampled from the policy
 
     @classmethod
     def of(cls, rollout: Rollout) -> Transitions:
@@ -135,20 +134,20 @@ class Transitions(Batch):
 
 
 class Foresight(NamedTuple):
-    """What the models made of B transitions."""
+    """The models' predictions for B transitions."""
 
-    errors: Tensor  # [B] of the forward model, 0.5 * 288 * the mean squared difference over features
-    actions: Tensor  # [B, A] logits, or the actions themselves, as the inverse model infers them
+    errors: Tensor  # [B] of the forward model: 0.5 * 288 * mean squared difference over features
+    actions: Tensor  # [B, A] the inverse model's logits, or its continuous actions
     features: Tensor  # [B, F] phi of the true successors
 
 
 class Dynamics(nn.Module):
-    """Features phi, which the policy has no part in, with the forward and the inverse model.
+    """Features phi, separate from the policy's network, with the forward and the inverse model.
 
     Args:
         observation_space: Grids `[H, W, 3]` uint8, or a flat Box.
         action_space: Discrete (from 0), or a flat Box.
-        generator: Source of the initial parameters, on the CPU.
+        generator: Generator of the initial parameters, on the CPU.
         view: What the features see of an observation.
         units: Width of the two models' hidden layers.
 
@@ -173,7 +172,7 @@ class Dynamics(nn.Module):
         self.inverse_model = one_hidden_layer(2 * features, self.kind.size, units, generator)
 
     def forward(self, transitions: Transitions) -> Foresight:
-        """Compute the features, and both models' answers."""
+        """Compute the features and both models' predictions."""
         before, after = transitions.observations.through(lambda rows: self.phi(self.view(rows))).unbind(1)
         predicted = self.forward_model(torch.cat((before, self.kind.encode(transitions.actions)), dim=1))
         errors = ERROR_SCALE * (predicted - after).square().mean(dim=1)
@@ -181,7 +180,7 @@ class Dynamics(nn.Module):
 
 
 def one_hidden_layer(inputs: int, outputs: int, units: int, generator: torch.Generator) -> nn.Sequential:
-    """Two fully connected layers with a ReLU between."""
+    """Return two fully connected layers with a ReLU between them."""
     hidden, out = linear(inputs, units, RELU_GAIN, generator), linear(units, outputs, 1.0, generator)
     return nn.Sequential(hidden, nn.ReLU(inplace=True), out)
 
@@ -190,7 +189,7 @@ def one_hidden_layer(inputs: int, outputs: int, units: int, generator: torch.Gen
 
 
 def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequential, int]:
-    """The network phi for such observations, and its number of features."""
+    """Return the network phi for these observations, and its number of features."""
     if grid := grid_shape(space):
         height, width, frames = grid
         sides = height, width
@@ -204,11 +203,11 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
     if isinstance(space, spaces.Box) and len(space.shape) == 1:
         size = space.shape[0]
         return mlp_trunk(size, 4, size, generator), size
-    raise ValueError(f"ICM has no features for observations in {space}: need {GRIDS} or a flat Box.")
+    raise ValueError(f"observation_space is {space}; it must be {GRIDS} or a flat Box.")
 
 
 class FlattenCells(nn.Module):
-    """One row of features per image, cell by cell: a view where memory is channels-last."""
+    """Flattens each image cell by cell, without a copy if memory is channels-last."""
 
     def forward(self, images: Tensor) -> Tensor:
         """`[B, C, H, W]` -> `[B, H * W * C]`."""
@@ -219,54 +218,54 @@ class FlattenCells(nn.Module):
 
 
 class ActionKind(Protocol):
-    """How actions enter the forward model, and how the inverse model's answer is judged."""
+    """How the forward model takes actions, and the loss of the inverse model."""
 
-    size: int  # numbers that stand for an action
+    size: int  # numbers that encode an action
 
     def encode(self, actions: Tensor) -> Tensor:
-        """Actions as numbers, `[B, size]`."""
+        """Return actions as numbers, `[B, size]`."""
 
     def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
-        """`inverse_loss`, and other measures, of the answers `[B, size]`."""
+        """Return `inverse_loss` and other metrics of the answers `[B, size]`."""
 
 
 class DiscreteActions:
-    """One-hot in, logits out."""
+    """The forward model takes one-hot actions; the inverse model returns logits."""
 
     def __init__(self, count: int) -> None:
         self.size = count
 
     def encode(self, actions: Tensor) -> Tensor:
-        """`[B]` -> `[B, count]`."""
+        """Return one-hot actions, `[B]` -> `[B, count]`."""
         return functional.one_hot(actions, self.size).float()
 
     def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
-        """Cross-entropy, and the share of actions that were told right."""
+        """Return the cross-entropy and the accuracy."""
         right = answers.argmax(dim=1) == actions
         return {"inverse_loss": functional.cross_entropy(answers, actions), "inverse_accuracy": right.float().mean()}
 
 
 class ContinuousActions:
-    """Actions as the policy drew them, in and out."""
+    """Both models use actions as the policy sampled them, not clipped."""
 
     def __init__(self, size: int) -> None:
         self.size = size
 
     def encode(self, actions: Tensor) -> Tensor:
-        """`[B, size]` -> `[B, size]`."""
+        """Return the actions, `[B, size]`."""
         return actions
 
     def inverse_losses(self, answers: Tensor, actions: Tensor) -> dict[str, Tensor]:
-        """Squared error, mean over components."""
+        """Return the mean squared error."""
         return {"inverse_loss": (answers - actions).square().mean()}
 
 
 def action_kind(space: Space[Any]) -> ActionKind:
-    """The kind for this action space."""
+    """Return the kind for this action space."""
     match space:
         case spaces.Discrete(n=count, start=0):
             return DiscreteActions(int(count))
         case spaces.Box(shape=(size,)):
             return ContinuousActions(size)
         case _:
-            raise ValueError(f"ICM has no model for actions in {space}: need Discrete (from 0) or a flat Box.")
+            raise ValueError(f"action_space is {space}; it must be Discrete (from 0) or a flat Box.")

@@ -1,8 +1,8 @@
-"""Proximal policy optimisation (Schulman et al. 2017): the one policy learner under all agents.
+"""Proximal policy optimisation (Schulman et al. 2017): the policy learner of all agents.
 
-It learns from whatever rewards it is handed and knows nothing of bonuses. The paper's appendix gives the network,
-the learning rate and the entropy coefficient (D.3, Table 1); the rest follows the authors' published DeepMind Lab
-settings, except where a sweep decided (docs/ppo-sweep.md).
+It learns from the training rewards that it is given and does not know about bonuses. The paper's appendix gives the
+network, the learning rate and the entropy coefficient (D.3, Table 1). The other settings are those that the authors
+published for DeepMind Lab, except where a sweep decided (`notes/ppo-sweep.md`).
 """
 
 from __future__ import annotations
@@ -37,26 +37,26 @@ class PPOConfig(Config):
     learning_rate: Positive = 0.003  # Adam's step size (Table 1)
     anneal_learning_rate: bool = True  # let it fall linearly to 0 over the budget
     adam_epsilon: Positive = 1e-5  # Adam's guard against division by zero
-    max_grad_norm: Positive = 0.5  # longer gradients are cut to this length
+    max_grad_norm: Positive = 0.5  # gradients with a larger norm are scaled down to it
     gamma: Share = 0.99  # discount
-    gae_lambda: Share = 0.95  # from one-step errors (0) to whole returns (1) in the advantage estimate
-    # What both are per: an env step, or the time of a reference action, of which an env step may be a part (Fetch).
+    gae_lambda: Share = 0.95  # advantage estimate: 0 for one-step errors, 1 for full returns
+    # What gamma and gae_lambda are per: an env step, or the duration of a reference action (Fetch, substep 20).
     discount_per: Annotated[str, Choice("action", "reference-action")] = "action"
-    bootstrap_on_truncation: bool = False  # whether an episode cut by its time limit keeps its successor's value
-    normalize_advantages: bool = True  # to zero mean and unit deviation within each minibatch
-    clip_range: Positive = 0.2  # how far the probability ratio may gain from moving away from 1
+    bootstrap_on_truncation: bool = False  # whether truncated episodes use their successor's value
+    normalize_advantages: bool = True  # to zero mean and unit standard deviation in each minibatch
+    clip_range: Positive = 0.2  # the loss gains nothing from probability ratios beyond 1 +- this
     anneal_clip_range: bool = True  # let it fall linearly to 0 over the budget
-    clip_value: bool = True  # bound the value's move by the same range
+    clip_value: bool = True  # limit the change of the value by the same range
     value_coefficient: Weight = 0.5  # weight of the value loss, half the mean squared error
     entropy_coefficient: Weight = 0.01  # weight of the policy's entropy (Table 1)
-    # Divide the env's reward, alone or joint with the bonus, by the running standard deviation of its discounted sum
-    # (appendix G.3).
+    # Divide the env's reward ("extrinsic"), or reward plus bonus ("joint"), by the running standard deviation of its
+    # discounted sum (appendix G.3).
     reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = "none"
     reward_clip: Weight = 0.0  # largest absolute value of a normalised reward; 0 for no limit
-    normalize_observations: bool = False  # by the running mean and deviation of each component
+    normalize_observations: bool = False  # by the running mean and standard deviation of each component
     observation_clip: Positive = 5.0  # largest absolute value of a normalised component
-    action_noise: Weight = 0.0  # deviation of what is added to continuous actions before they are executed (Table 5)
-    stack: Annotated[int, Range(0)] = 0  # earlier observations of the episode that the policy sees too (appendix A.3)
+    action_noise: Weight = 0.0  # standard deviation of the noise added to continuous actions (Table 5)
+    stack: Annotated[int, Range(0)] = 0  # earlier observations that the policy also sees (appendix A.3)
     mlp_layers: Count = 4  # hidden layers for flat observations (appendix G.4)
     mlp_units: Count = 256  # width of each
 
@@ -71,21 +71,22 @@ class PPOConfig(Config):
         samples = self.num_envs * self.rollout_length
         if self.minibatches > samples:
             raise ValueError(
-                f"Hyperparameter minibatches={self.minibatches} must be at most num_envs * rollout_length, {samples}."
+                f"Hyperparameter minibatches is {self.minibatches}; "
+                f"it must be at most num_envs * rollout_length, {samples}."
             )
         if self.normalize_observations and self.stack:
-            raise ValueError(f"Hyperparameter stack={self.stack} must be 0 where normalize_observations is true.")
+            raise ValueError(f"Hyperparameter stack is {self.stack}; it must be 0 where normalize_observations is true.")
 
 
 class PPO:
-    """A policy, its value function, and how they learn.
+    """A policy and a value function, and their training.
 
     Args:
         observation_space: Of one sub-env.
         action_space: Of one sub-env.
         config: Hyperparameters.
-        seed: Source of the initial parameters, of the actions and of the order of minibatches.
-        device: Where to compute; on the CPU, same seed and same number of torch threads mean same bits.
+        seed: Seed of the initial parameters, the actions and the order of minibatches.
+        device: Where to compute. On the CPU, the same seed and number of torch threads give bit-identical results.
         view: What the networks see of an observation.
     """
 
@@ -113,7 +114,7 @@ class PPO:
         )
 
     def act(self, observations: Tensor) -> Decision:
-        """Draw an action for each of N observations."""
+        """Sample an action for each of N observations."""
         parameters, values = self.network(observations)
         distribution = self.network.head.distribution(parameters)
         actions = distribution.sample(self._generator)
@@ -123,12 +124,12 @@ class PPO:
         """Improve the policy on one rollout.
 
         Args:
-            rollout: Drawn with the present parameters.
-            training_rewards: What to learn from, `[T, N]`.
-            remaining: Share of the budget that was left when the rollout began; annealing follows it.
+            rollout: Collected with the current parameters.
+            training_rewards: Rewards to learn from, `[T, N]`.
+            remaining: Share of the budget that was left when the rollout began. Annealed settings are multiplied by it.
 
         Returns:
-            Means over all gradient steps, and a few figures about the rollout.
+            Means over all gradient steps, and numbers about the rollout.
         """
         clip_range = self.config.clip_range * (remaining if self.config.anneal_clip_range else 1.0)
         learning_rate = self.config.learning_rate * (remaining if self.config.anneal_learning_rate else 1.0)
@@ -171,7 +172,7 @@ class PPO:
         return successor_values(rollout.values, last_values, rollout.ended, final_values)
 
     def _final_values(self, final_observations: Tensor) -> Tensor:
-        """Values of the observations that ended an episode, computed only where they can matter."""
+        """Return the values of the observations that ended an episode; zeros where they are not used."""
         if self.config.bootstrap_on_truncation and len(final_observations):
             return self.network.values(final_observations)
         return torch.zeros(len(final_observations), device=final_observations.device)
@@ -189,11 +190,11 @@ class PPO:
         return {**losses, "gradient_norm": norm}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return parameters, optimizer moments and the generator's state, copied."""
+        """Return copies of the parameters, the optimizer's moments and the generator's state."""
         return saved(self.network, self._optimizer, self._generator)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         restore(self.network, self._optimizer, self._generator, state)
 
 
@@ -203,8 +204,8 @@ class Samples(Batch):
 
     observations: Rows  # [B]
     actions: Tensor  # [B] or [B, A]
-    log_probs: Tensor  # [B] under the policy that acted
-    values: Tensor  # [B] at the time of acting
+    log_probs: Tensor  # [B] under the policy that collected them
+    values: Tensor  # [B] when they were collected
     advantages: Tensor  # [B]
     returns: Tensor  # [B] targets of the value function
 
@@ -215,11 +216,11 @@ def ppo_losses(
     """Return the clipped surrogate loss, its parts, and two measures of how far the policy has moved.
 
     Args:
-        log_probs: Of the batch's actions under the present policy, `[B]`.
-        values: Of the batch's observations under the present value function, `[B]`.
-        entropy: Of the present policy, `[B]`.
-        batch: What acted and what came of it.
-        clip_range: How far the ratio of probabilities may gain from moving away from 1.
+        log_probs: Log-probabilities of the batch's actions under the current policy, `[B]`.
+        values: Current values of the batch's observations, `[B]`.
+        entropy: Entropy of the current policy, `[B]`.
+        batch: Samples, with the values and log-probabilities of when they were collected.
+        clip_range: The loss gains nothing from probability ratios beyond 1 +- this.
         config: Coefficients and switches.
 
     Returns:
@@ -250,18 +251,18 @@ def _normalised(advantages: Tensor, config: PPOConfig) -> Tensor:
 
 
 def _policy_loss(ratio: Tensor, advantages: Tensor, clip_range: float) -> Tensor:
-    """Return minus the pessimistic of the plain and the clipped surrogate."""
+    """Return minus the mean of the smaller of the plain and the clipped surrogate."""
     clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
     return -torch.minimum(ratio * advantages, clipped * advantages).mean()
 
 
 def _value_loss(values: Tensor, batch: Samples, clip_range: float) -> Tensor:
-    """Return half the mean of the worse of the plain and the clipped squared error."""
+    """Return half the mean of the larger of the plain and the clipped squared error."""
     clipped = batch.values + (values - batch.values).clamp(-clip_range, clip_range)
     return 0.5 * torch.maximum((values - batch.returns).square(), (clipped - batch.returns).square()).mean()
 
 
 def _explained_variance(values: Tensor, returns: Tensor) -> float:
-    """Return 1 for perfect values, 0 for a constant, less for worse; 0 where the returns do not vary."""
+    """Return the share of the returns' variance that the values explain, at most 1; 0 if the returns are constant."""
     variance = returns.var()
     return float(1 - (returns - values).var() / variance) if variance > 0 else 0.0

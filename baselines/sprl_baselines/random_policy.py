@@ -1,4 +1,4 @@
-"""The agent that learns nothing: actions drawn uniformly. Every other agent is measured from here."""
+"""The random agent: it draws actions uniformly and learns nothing. It is the baseline of all other agents."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
 class RandomConfig(Config):
     """Hyperparameters of the random agent."""
 
-    num_envs: Count = 12  # sub-envs that step together; the harness reads it
+    num_envs: Count = 12  # sub-envs that step together; the harness reads this
 
 
 class RandomAgent:
-    """Draws each action uniformly from the action space, with its own generator."""
+    """Draws each action uniformly from the action space with its own generator."""
 
     def __init__(self, seed: int) -> None:
         self._generator = np.random.default_rng(seed)
         self._steps = 0
 
     def train(self, envs: VectorEnv[Any, Any, Any], budget: int) -> Iterator[dict[str, float]]:
-        """Act until `budget` env steps are taken; yield now and then."""
+        """Act until `budget` env steps are taken; yield every 256 steps of each sub-env."""
         if self._steps == 0:
             envs.reset()
         while self._steps < budget:
@@ -45,7 +45,7 @@ class RandomAgent:
         return {"steps": self._steps, "generator": self._generator.bit_generator.state}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         self._steps = int(state["steps"])
         self._generator.bit_generator.state = state["generator"]
 
@@ -55,7 +55,7 @@ class RandomAgentFactory:
 
     privileged = False
 
-    def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> RandomAgent:  # noqa: ARG002 - has no use for a device
+    def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> RandomAgent:  # noqa: ARG002 - needs no device
         """Make a random agent.
 
         Raises:
@@ -64,8 +64,8 @@ class RandomAgentFactory:
         self.hyperparameters("any", hyperparameters)
         return RandomAgent(seed)
 
-    def hyperparameters(self, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002 - alike in all
-        """Return all hyperparameters, the same in every domain.
+    def hyperparameters(self, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:  # noqa: ARG002 - the same in all
+        """Return all hyperparameters; they are the same in every domain.
 
         Raises:
             ValueError: A hyperparameter is unknown or out of range.
@@ -87,4 +87,4 @@ def uniform_actions(space: Space[Any], count: int, generator: np.random.Generato
         return generator.integers(space.start, space.start + space.n, size=count, dtype=np.int64)
     if isinstance(space, spaces.Box) and space.is_bounded():
         return generator.uniform(space.low, space.high, size=(count, *space.shape)).astype(space.dtype)
-    raise ValueError(f"No uniform policy for actions in {space}: need Discrete or a bounded Box.")
+    raise ValueError(f"action_space is {space}; it must be Discrete or a bounded Box.")

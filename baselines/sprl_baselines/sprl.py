@@ -1,10 +1,10 @@
-"""SPRL: a cost on steps that end a stretch which was not a shortest path (Sohn et al. 2021).
+"""SPRL: a cost on steps that violate the k-shortest-path constraint (Sohn et al. 2021).
 
-A policy that obeys the k-shortest-path constraint never takes more than k steps where k would have done. So a state
-that could have been reached within k steps from one that lies further back than k shows a violation: with c = 1 there
-and 0 elsewhere, the bonus is cost_scale * (bias - c). Stretches are compared only where no reward and no ending lies
-between their ends, and several lengths k + tolerance, k + 2 tolerance, ... vote, so that one wrong answer of the
-network does no harm (appendix A.2, E.3).
+A step violates the constraint if its successor can be reached within k steps from a state that the agent left more
+than k steps ago: the path between them was not a shortest one. With cost c = 1 for a violation and 0 otherwise, the
+bonus is cost_scale * (bias - c). Two states are compared only if there is no reward and no end of an episode between
+them. Paths of the lengths k + tolerance, k + 2 tolerance, ... vote, so that a single wrong answer of the network has no
+effect (appendix A.2, E.3).
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ from sprl_baselines.reachability import (
     judge_pairs,
 )
 
-CHUNK = 8  # lengths judged at a time: few enough to stop early, enough to fill a batch
+CHUNK = 8  # path lengths judged in one batch; judging stops early between batches
 
 
 @dataclass(frozen=True)
 class ConstraintConfig(HorizonConfig):
-    """Hyperparameters of the cost; those of the grids are the defaults."""
+    """Hyperparameters of the cost; the defaults are for the grids."""
 
-    tolerance_samples: Count = 60  # lengths that vote: k + tolerance, k + 2 tolerance, ... (Table 1)
-    vote_threshold: Share = 0.5  # an answer above this is a vote: the earlier state leads to the later within k steps
-    vote_quantile: Share = 0.9  # this quantile of the votes decides (appendix E.3)
+    tolerance_samples: Count = 60  # path lengths that vote: k + tolerance, k + 2 tolerance, ... (Table 1)
+    vote_threshold: Share = 0.5  # an answer above this is a vote for a violation
+    vote_quantile: Share = 0.9  # the cost is this quantile of the votes (appendix E.3)
     cost_scale: Weight = 0.002  # weight of the whole bonus (Table 1)
-    bias: float = 0.5  # what a step earns before its cost is taken off
+    bias: float = 0.5  # added to every step's bonus, before scaling
 
 
 @dataclass(frozen=True)
 class SPRLConfig(ConstraintConfig, ReachabilityConfig):
-    """The cost, and the network that finds violations."""
+    """Hyperparameters of the cost and of the network that finds violations."""
 
 
 class SPRL:
-    """The cost of violations of the constraint, as far as reachability finds them; nothing before that is ready.
+    """The cost of the violations that `reachability` finds. The bonus is 0 until `reachability` is ready.
 
     Args:
-        setting: Where it works.
+        setting: The environment and device.
         config: Hyperparameters of the cost.
-        reachability: Tells what lies within k steps.
+        reachability: Judges whether one state leads to another within k steps.
     """
 
     def __init__(self, setting: Setting, config: ConstraintConfig, reachability: Reachability) -> None:
@@ -63,18 +63,18 @@ class SPRL:
         lengths = config.k + config.tolerance * torch.arange(1, config.tolerance_samples + 1)
         self._lengths = lengths.to(setting.device)  # [J]
         self._needed = votes_needed(config.tolerance_samples, config.vote_quantile)
-        self._recent = torch.empty(0)  # [M, N, ...] the last states, as many as the longest stretch has steps
+        self._recent = torch.empty(0)  # [M, N, ...] the last states; M is the longest path length
         self._runs = torch.zeros(setting.num_envs, dtype=torch.int64, device=setting.device)  # [N] steps since a cut
         self._violations = 0.0  # share of the last rollout's steps
 
     @classmethod
     def learned(cls, setting: Setting, config: SPRLConfig) -> SPRL:
-        """Let a network find the violations."""
+        """Find violations with a learned network."""
         return cls(setting, config, LearnedReachability(setting, config))
 
     @classmethod
     def true(cls, setting: Setting, config: ConstraintConfig) -> SPRL:
-        """Search for them on the grid's full state, from the first step on (appendix B.2)."""
+        """Find violations by exact search on the grid's full state, from the first step on (appendix B.2)."""
         return cls(setting, config, GroundTruth(setting.observation_space, config.k))
 
     def reward(self, rollout: Rollout) -> Tensor:
@@ -91,16 +91,16 @@ class SPRL:
         return self.config.cost_scale * (self.config.bias - costs)
 
     def _blank(self, rollout: Rollout) -> Tensor:
-        """Return as many states as the longest stretch has steps, all zero, for the first rollout, `[M, N, ...]`."""
+        """Return all-zero states to precede the first rollout, `[M, N, ...]`."""
         first = rollout.observations[:1]
         return torch.zeros_like(first).expand(int(self._lengths[-1]), *first.shape[1:])
 
     def _costs(self, states: Rows, runs: Tensor) -> Tensor:
-        """Return 1 for each step that ends a violation, 0 for the others, `[T, N]`.
+        """Return 1 for each step that violates the constraint, 0 for the others, `[T, N]`.
 
         Args:
-            states: `[(M + T + 1) * N]`; a terminal state is never among them, nor is it ever priced.
-            runs: Steps since the last ending or reward, `[T, N]`.
+            states: `[(M + T + 1) * N]`, without terminal states: the last step of an episode has no cost.
+            runs: Steps since the last reward or end of an episode, `[T, N]`.
         """
         steps, num_envs = runs.shape
         ends = torch.arange(len(states) - steps * num_envs, len(states), device=runs.device)
@@ -116,11 +116,11 @@ class SPRL:
         return (votes >= self._needed).view(steps, num_envs).float()
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
-        """Let the network learn, and return the share of steps that the last rollout was charged for."""
+        """Train the network; return its metrics and the share of the last rollout's steps that had a cost."""
         return {"violations": self._violations, **self.reachability.update(rollout)}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the open stretches and the network's state."""
+        """Return the recent states and the network's state."""
         return {
             "recent": self._recent.clone(),
             "runs": self._runs.clone(),
@@ -129,7 +129,7 @@ class SPRL:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         device = self._runs.device
         self._recent, self._runs = state["recent"].to(device), state["runs"].to(device)
         self._violations = float(state["violations"])
@@ -137,15 +137,15 @@ class SPRL:
 
 
 def votes_needed(samples: int, quantile: float) -> int:
-    """Return how many of the votes must say yes for their quantile, the nearest one by rank, to say so."""
+    """Return the number of votes from which on their quantile (nearest rank) is 1."""
     return samples - round(quantile * (samples - 1))
 
 
 def _runs(before: Tensor, cuts: Tensor) -> Tensor:
-    """Return the steps since the last cut, up to and including each step, `[T, N]`; 0 at a cut.
+    """Return the number of steps since the last cut, including each step, `[T, N]`; 0 at a cut.
 
     Args:
-        before: The same up to the first of these steps, `[N]`.
+        before: The number of steps since the last cut before the rollout, `[N]`.
         cuts: Whether the step ended an episode or was rewarded, `[T, N]` bool.
     """
     steps = torch.arange(1, len(cuts) + 1, device=cuts.device).unsqueeze(1)
@@ -155,19 +155,19 @@ def _runs(before: Tensor, cuts: Tensor) -> Tensor:
 def count_votes(
     judge: Judge, ends: Tensor, runs: Tensor, lengths: Tensor, *, stride: int, threshold: float, needed: int
 ) -> Tensor:
-    """Count over how many lengths a state could have been reached sooner, no further than the verdict needs.
+    """Count the votes for a violation at B states. Counting stops as soon as the result is decided.
 
     Args:
         judge: Judges pairs of states by their indices.
-        ends: Indices of B states.
-        runs: Steps that their stretches may have at most, `[B]`.
-        lengths: Of the stretches that vote, `[J]`, ascending.
+        ends: Indices of the B states.
+        runs: Largest path length to each state without a cut, `[B]`.
+        lengths: Path lengths that vote, `[J]`, ascending.
         stride: Difference between the indices of successive states.
-        threshold: What an answer must exceed to be a vote.
-        needed: Votes that decide.
+        threshold: An answer above this is a vote.
+        needed: Number of votes that decide.
 
     Returns:
-        Votes `[B]`: whether they are enough is exact, the number may fall short of the truth.
+        Votes `[B]`. Whether they reach `needed` is exact; the number itself may be too small.
     """
     votes = torch.zeros_like(runs)
     possible = torch.searchsorted(lengths, runs, right=True)  # [B] lengths that fit

@@ -1,7 +1,7 @@
-"""How the preset "tuned" of the grids is chosen: the same number of settings for every agent.
+"""How the preset `tuned` of the grids is chosen: the same number of settings for every agent.
 
-What is run is declared here and in docs/agents-sweep.md before it is run. `python -m benchmarks.sweep_agents_grid
-runs/agents-sweep` runs it, and resumes where it stopped; name agents behind the folder to run only those.
+The runs are declared here and in notes/agents-sweep.md before they are made. To make them, or to continue:
+`python notes/sweeps/sweep_agents_grid.py runs/agents-sweep`. Agents named behind the folder are the only ones run.
 """
 
 from __future__ import annotations

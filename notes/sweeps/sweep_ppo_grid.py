@@ -1,7 +1,7 @@
 """How PPO's settings for the grids are chosen, where the paper's appendix gives none.
 
-What is run is declared here and in docs/ppo-sweep.md before it is run. `python -m benchmarks.sweep_ppo_grid
-runs/ppo-sweep` runs it, two runs at once or as many as its second argument says, and resumes where it stopped.
+The runs are declared here and in notes/ppo-sweep.md before they are made. To make them, or to continue:
+`python notes/sweeps/sweep_ppo_grid.py runs/ppo-sweep`. A second argument is the number of runs at once, 2 by default.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Draw the picture of docs/theory.md and print its figures: `python docs/draw_theory.py docs/theory.png`."""
+"""Draw the picture of docs/theory.md and print its figures: `python notes/theory/draw_theory.py docs/theory.png`."""
 
 from __future__ import annotations
 

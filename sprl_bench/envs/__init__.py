@@ -1,7 +1,7 @@
-"""The table of environment ids, and the one loop that registers them with Gymnasium.
+"""The environment ids, and their registration with Gymnasium.
 
-Importing this package needs nothing but Gymnasium: entry points are strings, resolved when an environment is
-made. So a spec serialises to JSON, and ``import sprl_bench`` stays quick.
+This package only imports Gymnasium: entry points are strings, imported when an environment is made. So specs can be
+serialised to JSON, and `import sprl_bench` is fast.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ IDS: tuple[str, ...] = tuple(_TABLE)
 
 
 def register() -> None:
-    """Make every id of ``IDS`` known to ``gymnasium.make`` and ``gymnasium.make_vec``; a second call does nothing.
+    """Register all `IDS` with `gymnasium.make` and `gymnasium.make_vec`; a second call has no effect.
 
-    No id carries ``max_episode_steps``: each environment truncates itself at its horizon.
+    No id has `max_episode_steps`: each environment truncates its episodes itself.
     """
     for env_id, (entry_point, vector_entry_point) in _TABLE.items():
         if env_id not in gymnasium.registry:

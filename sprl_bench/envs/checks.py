@@ -1,4 +1,4 @@
-"""Checks of what a user passes in: each refusal is one sentence that names the argument, its value and the choice."""
+"""Checks of arguments. Every error is one sentence: the argument, its value, and what is allowed."""
 
 from __future__ import annotations
 
@@ -15,55 +15,55 @@ from numpy.typing import NDArray
 from sprl_bench.suggestions import did_you_mean
 
 VECTOR_ARGUMENTS: Final = ("num_envs", "autoreset_mode", "num_threads", "max_episode_steps", "render_mode", "copy")
-"""What every batched engine takes."""
+"""The arguments of every batched engine."""
 NEVER: Final = np.iinfo(np.int64).max
 """A number of steps that no episode reaches."""
 
 
 def check_integer(name: str, value: object, low: int, high: int | None = None) -> int:
-    """Return ``value`` as an int if it is an integer (not a bool) from ``low`` to ``high``, both included.
+    """Return `value` as an int if it is an integer (not a bool) from `low` to `high`, both included.
 
     Raises:
-        TypeError: ``value`` is not an integer.
-        ValueError: ``value`` is out of range.
+        TypeError: `value` is not an integer.
+        ValueError: `value` is out of range.
     """
     allowed = f"an integer of at least {low}" if high is None else f"an integer from {low} to {high}"
     try:
-        number = operator.index(value)  # type: ignore[arg-type]  # the question is whether it has one
+        number = operator.index(value)  # type: ignore[arg-type]  # this tests whether it is an integer
     except TypeError:
         number = None
     if number is None or isinstance(value, bool):
-        raise TypeError(f"{name} must be {allowed}, got {value!r} of type {type(value).__name__}.")
+        raise TypeError(f"{name} is {value!r}; it must be {allowed}.")
     if number < low or (high is not None and number > high):
-        raise ValueError(f"{name} must be {allowed}, got {value!r}.")
+        raise ValueError(f"{name} is {value!r}; it must be {allowed}.")
     return number
 
 
 def check_choice(name: str, value: object, allowed: Iterable[object]) -> None:
-    """Refuse a ``value`` that is not one of ``allowed``, with the nearest one suggested.
+    """Check that `value` is one of `allowed`; the error suggests the nearest one.
 
     Raises:
-        ValueError: ``value`` is none of ``allowed``.
+        ValueError: It is not.
     """
     choices = list(allowed)
     if value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
-        raise ValueError(f"{name} must be one of {listed}, got {value!r}.{_suggestion(value, choices)}")
+        raise ValueError(f"{name} is {value!r}; it must be one of {listed}.{_suggestion(value, choices)}")
 
 
 def refuse_unknown(
     where: str, unknown: Mapping[str, Any], allowed: Iterable[str], elsewhere: Mapping[str, str] = MappingProxyType({})
 ) -> None:
-    """Refuse keyword arguments that ``where`` does not take, with the nearest known name suggested.
+    """Raise an error for unknown keyword arguments; it suggests the nearest known name.
 
     Args:
-        where: What was called.
-        unknown: What it was given and does not take; nothing happens if it is empty.
-        allowed: What it takes.
-        elsewhere: The name that an argument has here, by one that it has elsewhere.
+        where: The name of the class or function that was called.
+        unknown: The unknown arguments; no error if it is empty.
+        allowed: The names of known arguments.
+        elsewhere: Other projects' names for arguments, with the names used here.
 
     Raises:
-        TypeError: ``unknown`` is not empty.
+        TypeError: `unknown` is not empty.
     """
     known = sorted(allowed)
     for name, value in unknown.items():
@@ -74,7 +74,7 @@ def refuse_unknown(
 
 
 def check_entries(name: str, value: object, expected: Iterable[str]) -> None:
-    """Refuse a ``value`` that is not a mapping with exactly the ``expected`` entries.
+    """Check that `value` is a mapping with exactly the `expected` entries.
 
     Raises:
         ValueError: It is not.
@@ -82,25 +82,25 @@ def check_entries(name: str, value: object, expected: Iterable[str]) -> None:
     names = sorted(expected)
     if not isinstance(value, Mapping) or sorted(value) != names:
         got = sorted(value) if isinstance(value, Mapping) else type(value).__name__
-        raise ValueError(f"{name} must have exactly the entries {names}, got {got}.")
+        raise ValueError(f"{name} is {got}; it must be a mapping with exactly the entries {names}.")
 
 
 def check_array(name: str, value: object, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
-    """Refuse a ``value`` that is not an array of this shape and type.
+    """Check that `value` is an array of this shape and type.
 
     Raises:
         ValueError: It is not.
     """
     if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != dtype:
         got = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
-        raise ValueError(f"{name} must be an array {dtype} {shape}, got {got}.")
+        raise ValueError(f"{name} is {got}; it must be an array {dtype} {shape}.")
 
 
 def checked_autoreset_mode(value: object) -> AutoresetMode:
-    """Return the mode that Gymnasium's enum or its string names.
+    """Return the autoreset mode, given as Gymnasium's enum or as its string.
 
     Raises:
-        ValueError: It names none.
+        ValueError: It is neither.
     """
     if not isinstance(value, AutoresetMode):
         check_choice("autoreset_mode", value, [mode.value for mode in AutoresetMode])
@@ -108,10 +108,10 @@ def checked_autoreset_mode(value: object) -> AutoresetMode:
 
 
 def checked_time_limit(max_episode_steps: int | None) -> int:
-    """Return the limit, or ``NEVER`` where there is none.
+    """Return the limit, or `NEVER` if there is none.
 
     Raises:
-        TypeError, ValueError: It is neither a positive integer nor None nor -1.
+        TypeError, ValueError: It is not a positive integer, None or -1.
     """
     if max_episode_steps is None or (max_episode_steps == -1 and not isinstance(max_episode_steps, bool)):
         return NEVER
@@ -122,12 +122,12 @@ def checked_mask(options: Mapping[str, Any] | None, num_envs: int, *, first: boo
     """Return which sub-environments to reset, bool [N].
 
     Args:
-        options: As ``reset`` takes them.
+        options: The options of `reset`.
         num_envs: Number of sub-environments N.
-        first: Whether nothing has been reset yet.
+        first: Whether this is the first reset.
 
     Raises:
-        TypeError, ValueError: ``options["reset_mask"]`` is no mask of N with at least one True.
+        TypeError, ValueError: `options["reset_mask"]` is not a mask [N] with at least one True.
         ResetNeeded: The first reset leaves out a sub-environment.
     """
     if options is None or "reset_mask" not in options:
@@ -135,15 +135,15 @@ def checked_mask(options: Mapping[str, Any] | None, num_envs: int, *, first: boo
     mask = options["reset_mask"]
     if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
         got = mask.dtype if isinstance(mask, np.ndarray) else type(mask).__name__
-        raise TypeError(f"options['reset_mask'] must be a NumPy array of bool, got {got}.")
+        raise TypeError(f"options['reset_mask'] is {got}; it must be a NumPy array of bool.")
     if mask.shape != (num_envs,) or not mask.any():
-        raise ValueError(f"options['reset_mask'] must have shape ({num_envs},) and at least one True, got {mask!r}.")
+        raise ValueError(f"options['reset_mask'] is {mask!r}; it must have shape ({num_envs},) and at least one True.")
     if first and not mask.all():
         raise ResetNeeded("The first reset() must reset all sub-environments.")
     return mask
 
 
 def _suggestion(value: object, choices: Iterable[object]) -> str:
-    """Return a question that offers the choice nearest to ``value``, or nothing if none is near."""
+    """Return " Did you mean ...?" with the choice nearest to `value`, or nothing if none is near."""
     hint = did_you_mean(value, choices)
     return f" D{hint[1:]}" if hint else ""

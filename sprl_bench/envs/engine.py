@@ -1,6 +1,6 @@
-"""What a batched engine is: the arrays of N sub-environments, and the functions that change them.
+"""The interface of a batched engine: the arrays of N sub-environments, and the functions that change them.
 
-An engine brings the dynamics of its task and nothing else; ``BatchedEnv`` makes a vector environment of it.
+An engine only has the dynamics of its task; `BatchedEnv` turns it into a vector environment.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ Mask = NDArray[np.bool_]
 
 
 class Engine(VectorEnv[Array, Array, Array]):
-    """N copies of one environment, held as arrays; what has to be added for each task is abstract."""
+    """N copies of one environment, stored as arrays. Each task implements the abstract methods."""
 
     grain: ClassVar[int] = 1
-    """The least number of sub-environments worth a thread."""
+    """The smallest number of sub-environments for which a thread is worthwhile."""
 
     _observations: Array  # [N, ...], current; filled by _restart and _advance
     _rewards: NDArray[np.float64]  # [N]
@@ -31,11 +31,11 @@ class Engine(VectorEnv[Array, Array, Array]):
     _truncations: Mask  # [N]
     _elapsed: Rows  # [N] steps of the running episode
     _ended: Mask  # [N] episode over and not yet restarted; stays False under SameStep
-    _seeds: list[int | None]  # [N], None for one that has never been seeded
+    _seeds: list[int | None]  # [N], None if never seeded
     _is_reset: bool
 
     def _allocate(self) -> None:
-        """Make the arrays, for ``num_envs`` and ``single_observation_space``."""
+        """Allocate the arrays for `num_envs` and `single_observation_space`."""
         shape, dtype = self.single_observation_space.shape, self.single_observation_space.dtype
         assert shape is not None
         self._observations = np.zeros((self.num_envs, *shape), dtype)
@@ -49,42 +49,42 @@ class Engine(VectorEnv[Array, Array, Array]):
 
     @abstractmethod
     def _seed(self, rows: Rows, seeds: list[int]) -> None:
-        """Seed the streams of the sub-environments ``rows`` as ``gymnasium.utils.seeding.np_random`` would."""
+        """Seed the random streams of the sub-environments `rows`, like `gymnasium.utils.seeding.np_random`."""
 
     @abstractmethod
     def _restart(self, rows: Rows) -> None:
-        """Start a new episode in the sub-environments ``rows``: their observations and information."""
+        """Start a new episode in the sub-environments `rows`: set their observations and information."""
 
     @abstractmethod
     def _advance(self, actions: Array) -> None:
-        """Step each sub-environment that has not ended: observations, information, rewards and flags.
+        """Step each sub-environment that has not ended: set observations, information, rewards and flags.
 
-        The others get reward 0 and no flag. ``_elapsed`` already counts the step.
+        The others get reward 0 and both flags False. `_elapsed` already includes this step.
         """
 
     @abstractmethod
     def _checked_actions(self, actions: Any) -> Array:
-        """Return the actions as ``_advance`` takes them, or raise with nothing changed."""
+        """Return the actions in the form that `_advance` needs, or raise an error without any change."""
 
     @abstractmethod
     def _information(self) -> Mapping[str, Array]:
-        """Return the live arrays [N, ...] behind ``infos``, by name."""
+        """Return the engine's own arrays [N, ...] for `infos`, by name."""
 
     @abstractmethod
     def _kind(self) -> str:
-        """Return what tells this engine's decision process from others."""
+        """Return a text that identifies this engine's decision process."""
 
     @abstractmethod
     def _arrays(self) -> Mapping[str, Array]:
-        """Return the live arrays [N, ...] that, with those of this class, make up the state, by name."""
+        """Return the engine's own arrays [N, ...] that belong to the state besides those of this class, by name."""
 
     @abstractmethod
     def _check_state(self, state: Mapping[str, Array]) -> None:
-        """Refuse arrays, of the right names, shapes and types, that the engine could not have been in."""
+        """Raise a `ValueError` for a state that cannot occur; names, shapes and types are already checked."""
 
     @abstractmethod
     def _generator(self, row: int) -> np.random.Generator:
-        """Return a generator that would continue the stream of one sub-environment; the stream stays as it is."""
+        """Return a generator that continues the stream of one sub-environment, without changing the stream."""
 
     @abstractmethod
     def _single(self) -> gymnasium.Env[Array, Any]:
@@ -92,4 +92,4 @@ class Engine(VectorEnv[Array, Array, Array]):
 
     @abstractmethod
     def _load(self, single: gymnasium.Env[Array, Any], row: int) -> None:
-        """Put a single environment into the state of one sub-environment, all but its generator."""
+        """Set a single environment to the state of one sub-environment, except for its generator."""

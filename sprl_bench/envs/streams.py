@@ -1,10 +1,10 @@
-"""Random streams in arrays: NumPy's PCG64, number for number, one row of 64-bit limbs a stream.
+"""Random streams stored as arrays: exactly NumPy's PCG64, with one row of 64-bit limbs for each stream.
 
-A stream seeded with s gives what ``gymnasium.utils.seeding.np_random(s)`` gives, so that an engine's sub-environment
-draws the very doubles of a single environment. A row is [state high, state low, increment high, increment low].
+A stream seeded with s gives the same numbers as `gymnasium.utils.seeding.np_random(s)`, so an engine's sub-environment
+draws the same doubles as a single environment. A row is [state high, state low, increment high, increment low].
 
 References: O'Neill, "PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms for Random Number
-Generation", 2014 (PCG XSL RR 128/64); NumPy's documentation of ``SeedSequence``.
+Generation", 2014 (PCG XSL RR 128/64); NumPy's documentation of `SeedSequence`.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def next_double(stream: NDArray[np.uint64]) -> float:
 
 @kernel
 def fill_doubles(stream: NDArray[np.uint64], out: NDArray[np.float64]) -> None:
-    """Fill ``out`` [K] with the stream's next doubles, as ``Generator.random(K)`` would."""
+    """Fill `out` [K] with the stream's next doubles, like `Generator.random(K)`."""
     for index in range(out.shape[0]):
         out[index] = next_double(stream)
 
@@ -78,14 +78,14 @@ def _mix(left: np.uint32, right: np.uint32) -> np.uint32:
 
 @inline
 def _hash(value: np.uint32, constant: np.uint32, factor: np.uint32) -> np.uint32:
-    """Scramble one word; the caller multiplies ``constant`` by ``factor`` after each use."""
+    """Hash one word; the caller multiplies `constant` by `factor` after each use."""
     result = np.uint32(np.uint32(value ^ constant) * np.uint32(constant * factor))
     return np.uint32(result ^ (result >> _HALF_WORD))
 
 
 @inline
 def _fill_pool(words: NDArray[np.uint32], pool: NDArray[np.uint32]) -> None:
-    """Spread a seed of four words over the pool."""
+    """Mix a seed of four words into the pool."""
     constant = _HASH_START
     for index in range(_POOL_WORDS):
         pool[index] = _hash(words[index], constant, _HASH_FACTOR)
@@ -99,7 +99,7 @@ def _fill_pool(words: NDArray[np.uint32], pool: NDArray[np.uint32]) -> None:
 
 @inline
 def _start(stream: NDArray[np.uint64], pool: NDArray[np.uint32], start: NDArray[np.uint64]) -> None:
-    """Set a stream from a filled pool; ``start`` [4] is scratch space."""
+    """Set a stream from a filled pool; `start` [4] is scratch space."""
     constant = _OUTPUT_START
     start[:] = _0
     for index in range(2 * STREAM_LIMBS):
@@ -127,24 +127,24 @@ def _seed_all(streams: NDArray[np.uint64], rows: NDArray[np.int64], words: NDArr
 
 
 def seed_streams(streams: NDArray[np.uint64], rows: NDArray[np.int64], seeds: list[int]) -> None:
-    """Seed ``streams[rows]`` as ``numpy.random.PCG64`` would be, each with its own non-negative integer."""
+    """Seed `streams[rows]` like `numpy.random.PCG64`, each with its own non-negative integer."""
     if max(seeds, default=0) < 2 ** (32 * _POOL_WORDS):
         packed = b"".join(seed.to_bytes(4 * _POOL_WORDS, "little") for seed in seeds)
         _seed_all(streams, rows, np.frombuffer(packed, "<u4").reshape(-1, _POOL_WORDS).copy())
-    else:  # more words than the pool holds: rare enough to ask NumPy itself
+    else:  # more words than the pool holds: rare, so NumPy does it
         for row, seed in zip(rows, seeds, strict=True):
             streams[row] = from_generator(np.random.Generator(np.random.PCG64(seed)))
 
 
 def from_generator(generator: np.random.Generator) -> NDArray[np.uint64]:
-    """Return the row of a generator that runs on PCG64."""
+    """Return the row of a PCG64 generator."""
     state = generator.bit_generator.state["state"]
     limbs = [limb for key in ("state", "inc") for limb in divmod(int(state[key]), 2**64)]
     return np.array(limbs, dtype=np.uint64)
 
 
 def to_generator(stream: NDArray[np.uint64]) -> np.random.Generator:
-    """Return a generator that continues the stream of a row; the row itself stays as it is."""
+    """Return a generator that continues the stream of a row, without changing the row."""
     state_high, state_low, increment_high, increment_low = (int(limb) for limb in stream)
     bit_generator = np.random.PCG64(0)
     bit_generator.state = {

@@ -1,4 +1,4 @@
-"""Work on N sub-environments cut into slices, one thread each, where that pays."""
+"""Splits work on N sub-environments into slices, one for each thread."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def usable_cores() -> int:
 
 
 class Threads:
-    """Calls a function on slices of ``range(size)``, which must not depend on each other, in parallel.
+    """Calls a function on independent slices of `range(size)` in parallel.
 
-    The function has to release the interpreter lock for this to be quicker. Threads start on first use, in the
-    process that uses them: an object that was pickled, copied or inherited by a fork starts its own.
+    This is only faster if the function releases the interpreter lock. Threads start on first use, in the process that
+    uses them: an object that was pickled, copied or inherited by a fork starts its own.
 
     Args:
-        num_threads: The most threads to use; None for as many as there are usable cores.
-        grain: The least number of items worth a thread. Fewer than two such slices are done by the caller alone.
+        num_threads: The largest number of threads; None for the number of usable cores.
+        grain: The smallest slice. Work for fewer than two slices is done by the caller's thread.
     """
 
     def __init__(self, num_threads: int | None, grain: int) -> None:
@@ -34,7 +34,7 @@ class Threads:
         self._owner = -1
 
     def map(self, function: Callable[..., None], size: int, *arguments: Any) -> None:
-        """Call ``function(start, stop, *arguments)`` on slices that cover ``range(size)``, and wait for all."""
+        """Call `function(start, stop, *arguments)` on slices that cover `range(size)`, and wait for all."""
         slices = min(self.count, size // self.grain)
         if slices < 2:
             function(0, size, *arguments)
@@ -48,7 +48,7 @@ class Threads:
             other.result()
 
     def close(self) -> None:
-        """End the threads, if any were started here."""
+        """Stop the threads that this process started, if any."""
         if self._pool is not None and self._owner == os.getpid():
             self._pool.shutdown()
         self._pool = None
@@ -60,5 +60,5 @@ class Threads:
         return self._pool
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the threads."""
+        """Exclude the threads."""
         return {**self.__dict__, "_pool": None}

@@ -1,8 +1,8 @@
-"""Everything about a batched engine that is not dynamics, so that it cannot be told from Gymnasium's own.
+"""The vector environment around a batched engine: everything but the dynamics.
 
-A ``BatchedEnv`` of N sub-environments returns, value for value, what ``SyncVectorEnv`` returns over N single
-environments: automatic resets, seeds, masked resets, time limits and infos are here, once. An engine adds the
-arrays and the three functions that change them: seed, restart, advance.
+A `BatchedEnv` of N sub-environments returns exactly the values that `SyncVectorEnv` returns for N single environments.
+Automatic resets, seeds, masked resets, time limits and infos are implemented here, once for all engines. An engine adds
+the arrays and the three functions that change them: seed, restart, advance.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _NO_THREADS: Final = Threads(1, grain=1)
 
 
 class BatchedEnv(Engine):
-    """N copies of one environment, held and stepped as arrays.
+    """N copies of one environment, stored and stepped as arrays.
 
     Args:
         num_envs: Number of sub-environments N.
-        autoreset_mode: ``"SameStep"``, ``"NextStep"`` or ``"Disabled"``, or Gymnasium's enum.
-        num_threads: The most threads a step may use; None for as many as there are usable cores. No result
-            depends on it.
-        max_episode_steps: A further time limit, which acts as ``TimeLimit`` does; None or -1 for none.
-        render_mode: None, ``"rgb_array"`` or ``"human"``.
-        copy: Whether observations are returned as copies. If not, the array that the next step changes in place
-            is returned, which saves one copy; it cannot be written to, as the engine goes on from what it holds.
+        autoreset_mode: `"SameStep"`, `"NextStep"` or `"Disabled"`, or Gymnasium's enum.
+        num_threads: The largest number of threads of a step; None for the number of usable cores. Results do not
+            depend on it.
+        max_episode_steps: An additional time limit, like Gymnasium's `TimeLimit`; None or -1 for none.
+        render_mode: None, `"rgb_array"` or `"human"`.
+        copy: Whether observations are returned as copies. False returns a read-only view of the engine's own array,
+            which the next step changes in place.
 
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
@@ -95,18 +95,18 @@ class BatchedEnv(Engine):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Array, dict[str, Any]]:
-        """Start a new episode in every sub-environment, or in those of ``options["reset_mask"]``.
+        """Start a new episode in every sub-environment, or in those selected by `options["reset_mask"]`.
 
         Args:
-            seed: An int seeds sub-environment i with ``seed + i``; a list gives each its own, None continuing its
-                stream; None continues all streams.
-            options: ``"reset_mask"``, a bool array [N] with at least one True; nothing else is looked at.
+            seed: An int seeds sub-environment i with `seed + i`. A list has a seed for each, or None to continue its
+                stream. None continues all streams.
+            options: `"reset_mask"`, a bool array [N] with at least one True; other options are ignored.
 
         Returns:
             Observations [N, ...] of all sub-environments, and the infos of those that were reset.
 
         Raises:
-            TypeError, ValueError: A seed or the mask is not allowed; nothing has changed.
+            TypeError, ValueError: A seed or the mask is not allowed. No state has changed.
             ResetNeeded: The mask leaves out a sub-environment that has never been reset.
         """
         mask = checked_mask(options, self.num_envs, first=not self._is_reset)
@@ -123,11 +123,11 @@ class BatchedEnv(Engine):
 
         Returns:
             Observations [N, ...], rewards float64 [N], terminations bool [N], truncations bool [N], infos. All are
-            new arrays (the observations under ``copy=True``).
+            new arrays (the observations under `copy=True`).
 
         Raises:
-            ResetNeeded: No episode is running, or under ``"Disabled"`` one has ended and was not reset.
-            TypeError, ValueError: An action is not allowed. Whatever is raised, nothing has changed.
+            ResetNeeded: No episode is running, or under `"Disabled"` one has ended and was not reset.
+            TypeError, ValueError: An action is not allowed. After any of these errors, no state has changed.
         """
         self._check_running()
         actions = self._checked_actions(actions)
@@ -149,7 +149,7 @@ class BatchedEnv(Engine):
         )
 
     def _same_step(self, ended: Mask) -> dict[str, Any]:
-        """Restart at once what has ended, and return how it ended."""
+        """Restart the ended sub-environments; return their final observations and infos."""
         (rows,) = ended.nonzero()
         if not len(rows):
             return {}
@@ -161,7 +161,7 @@ class BatchedEnv(Engine):
         return finals | {"_final_obs": ended, "_final_info": ended.copy()}
 
     def _later(self, ended: Mask) -> dict[str, Any]:
-        """Remember what has ended, to be restarted by the next step or by the user."""
+        """Mark the ended sub-environments; the next step or the user restarts them."""
         self._ended = ended
         return {}
 
@@ -171,7 +171,7 @@ class BatchedEnv(Engine):
             self._restart(rows)
 
     def _infos(self, mask: Mask, rows: Rows) -> dict[str, Any]:
-        """Return the information of the masked sub-environments (``rows``), zero elsewhere, each with its mask."""
+        """Return the information of the masked sub-environments (`rows`), zero elsewhere, each with its mask."""
         infos: dict[str, Any] = {}
         for name, values in self._information().items():
             infos[name] = np.zeros(values.shape, values.dtype)
@@ -200,13 +200,13 @@ class BatchedEnv(Engine):
         if self._mode is AutoresetMode.DISABLED and self._ended.any():
             raise ResetNeeded(
                 "With autoreset_mode='Disabled', step() needs a reset() of the sub-environments whose episode is "
-                f"over: {np.flatnonzero(self._ended).tolist()}; options={{'reset_mask': ...}} does it."
+                f"over: {np.flatnonzero(self._ended).tolist()}. Use options={{'reset_mask': ...}}."
             )
 
     # Seeds and streams.
 
     def _apply_seeds(self, rows: Rows, seeds: list[int | None]) -> None:
-        """Seed ``rows``; one that has no seed and never had one gets a random one."""
+        """Seed `rows`; a sub-environment without a seed that never had one gets a random seed."""
         fresh = {
             int(row): random_seed() if seed is None else seed
             for row, seed in zip(rows, seeds, strict=True)
@@ -228,17 +228,17 @@ class BatchedEnv(Engine):
 
     @property  # type: ignore[misc]  # read-only, as SyncVectorEnv's
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]  # as SyncVectorEnv does
-        """A generator for each sub-environment, in its present state. Drawing from it does not advance the stream."""
+        """A generator for each sub-environment, in its current state. Drawing from it does not change the stream."""
         self._seed_all()
         return tuple(self._generator(row) for row in range(self.num_envs))
 
     # State.
 
     def get_state(self) -> dict[str, Array]:
-        """Return copies of the arrays from which ``set_state`` continues the stream exactly.
+        """Return copies of all arrays, from which `set_state` continues exactly.
 
         Raises:
-            ResetNeeded: There is no state before the first reset.
+            ResetNeeded: There was no reset yet.
         """
         if not self._is_reset:
             raise ResetNeeded("get_state() needs a reset() before it.")
@@ -246,25 +246,25 @@ class BatchedEnv(Engine):
         return copies | {"seeds": pack_seeds(self.np_random_seed), "kind": self._kind_digest()}
 
     def set_state(self, state: Mapping[str, Array]) -> None:
-        """Continue from a state that ``get_state`` of an engine of the same id, arguments and N gave.
+        """Restore a state from `get_state` of an engine with the same id, arguments and N.
 
         Raises:
-            ValueError: The state is not one of such an engine; nothing has changed.
+            ValueError: The state is not from such an engine. No state has changed.
         """
         arrays = self._all_arrays()
         check_entries("state", state, [*arrays, "seeds", "kind"])
         check_array("state['kind']", state["kind"], (1,), np.dtype(np.uint64))
         if (state["kind"] != self._kind_digest()).any():
-            raise ValueError(f"state['kind'] is not that of this engine, {self._kind()}: the state is of another task.")
+            raise ValueError(f"state['kind'] is that of another task; it must be that of this engine, {self._kind()}.")
         for name, values in arrays.items():
             check_array(f"state[{name!r}]", state[name], values.shape, values.dtype)
         seeds = state["seeds"]
         num_limbs = np.shape(seeds)[-1] if np.shape(seeds) else 0
         check_array("state['seeds']", seeds, (self.num_envs, num_limbs), np.dtype(np.uint64))
         if (state["elapsed"] < 0).any():
-            raise ValueError("state['elapsed'] must not be negative.")
+            raise ValueError("state['elapsed'] is negative in places; it must be at least 0.")
         if self._mode is AutoresetMode.SAME_STEP and state["ended"].any():
-            raise ValueError("state['ended'] must be all False for an engine with autoreset_mode='SameStep'.")
+            raise ValueError("state['ended'] is True in places; it must be all False with autoreset_mode='SameStep'.")
         self._check_state(state)
         for name, values in arrays.items():
             values[...] = state[name]
@@ -272,7 +272,7 @@ class BatchedEnv(Engine):
         self._is_reset = True
 
     def _kind_digest(self) -> Array:
-        """Return a number that stands for the decision process, uint64 [1]."""
+        """Return a hash of the decision process, uint64 [1]."""
         return np.frombuffer(hashlib.sha256(self._kind().encode()).digest()[:8], "<u8").astype(np.uint64)
 
     def _all_arrays(self) -> dict[str, Array]:
@@ -281,9 +281,9 @@ class BatchedEnv(Engine):
     # Pictures, and one sub-environment at a time.
 
     def sub_env(self, row: int) -> gymnasium.Env[Array, Any]:
-        """Return a single environment in the state of one sub-environment, its random stream included.
+        """Return a single environment in the state of one sub-environment, including its random stream.
 
-        It goes its own way from there: the engine does not notice what is done with it.
+        It is a copy: changing it does not change the engine.
         """
         row = check_integer("row", row, 0, self.num_envs - 1)
         single = self._single()
@@ -295,9 +295,9 @@ class BatchedEnv(Engine):
         return single
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return an attribute, or a method's result, of a copy of each sub-environment.
+        """Return an attribute, or the result of a method, of a copy of each sub-environment.
 
-        The copies are thrown away: a method that changes its environment changes nothing here.
+        A method that changes its environment only changes the copy.
         """
         attributes = [getattr(self.sub_env(row), name) for row in range(self.num_envs)]
         return tuple(value(*args, **kwargs) if callable(value) else value for value in attributes)
@@ -307,8 +307,8 @@ class BatchedEnv(Engine):
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:  # noqa: ARG002 - Gymnasium's signature
-        """Refuse: sub-environments are rows of arrays, which ``set_state`` changes."""
-        raise AttributeError(f"{type(self).__name__} has no sub-environments to set {name!r} on; see set_state().")
+        """Raise an error: sub-environments are rows of arrays, which only `set_state` can change."""
+        raise AttributeError(f"{type(self).__name__} cannot set {name!r}; use set_state() for its arrays.")
 
     def render(self) -> tuple[Any, ...]:
         """Return one frame for each sub-environment (None in human mode or without a render mode)."""
@@ -330,14 +330,14 @@ class BatchedEnv(Engine):
             self.render()
 
     def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002 - Gymnasium's signature
-        """End the threads and close the window, if there are any."""
+        """Stop the threads and close the window, if there are any."""
         self._threads.close()
         if self._viewer is not None:
             self._viewer.close()
 
     @property
-    def spec(self) -> EnvSpec | None:  # make_vec sets it; here it is made serialisable
-        """What made this engine; an enum among its arguments is kept as its string, so that it serialises."""
+    def spec(self) -> EnvSpec | None:  # make_vec sets it; the setter makes it serialisable
+        """The spec of this engine. Enums among its arguments are stored as strings, so it can be serialised."""
         return self._spec
 
     @spec.setter

@@ -1,11 +1,11 @@
-"""The exact solver of the grid tasks: shortest paths and reachability on the full state, from observations alone.
+"""The exact solver of the grid tasks: shortest paths and reachability on the full state, from observations only.
 
-The full state is the agent's pose, where the key is (a cell, or in hand) and the door's state. All of it can be
-read from an observation: a key out of sight is in hand, a door out of sight is open and under the agent, a goal
-out of sight is under the agent and ends the episode. FourRooms has neither key nor door.
+The full state is the agent's pose, the key's position (a cell, or carried) and the door's state. An observation
+contains it: a key that is not visible is carried; a door that is not visible is open, with the agent in it; a goal that
+is not visible is under the agent, and the episode has ended. FourRooms has no key and no door.
 
-Everything takes and gives arrays. Time is counted in env steps; -1 stands for "no way". Breadth-first search does
-the work, with one integer for a state, so that the answers are exact and not the product of a heuristic.
+All functions take and return arrays. Distances are in env steps; -1 means unreachable. The solver is a breadth-first
+search with one integer for each state, so the results are exact.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def distances_to_goal(observations: Cells) -> Integers:
 
 
 def optimal_actions(observations: Cells) -> Integers:
-    """Return the first action of a shortest path to the goal, int64 [N]; "done" where there is no path to go."""
+    """Return the first action of a shortest path to the goal, int64 [N]; "done" at the goal or without a path."""
     return _solved(observations)[1]
 
 
@@ -48,30 +48,30 @@ def shortest_path(observation: Cells) -> Integers:
     out = np.empty(num_codes(len(cells)), np.int64)
     length = path_of(cells, out)
     if length == NOWHERE:
-        raise ValueError("There is no path from this state to the goal.")
+        raise ValueError("observation has no path to the goal; it must have one.")
     return out[:length].copy()
 
 
 def distances(sources: Cells, targets: Cells, limit: int | None = None) -> Integers:
-    """Return the least number of steps from each source's state to its target's, int64 [N].
+    """Return the smallest number of steps from each source's state to its target's, int64 [N].
 
     Args:
         sources: Observations uint8 [N, S, S, 3].
-        targets: Observations uint8 [N, S, S, 3]. One of another map is out of reach.
-        limit: Look no further than this number of steps; None for no limit. A small limit saves much time.
+        targets: Observations uint8 [N, S, S, 3]. A target on another map is unreachable.
+        limit: Largest distance to search; None for no limit. A small limit is much faster.
     """
     sources, targets = checked_maps(sources, "sources"), checked_maps(targets, "targets")
     if sources.shape != targets.shape:
-        raise ValueError(f"sources and targets must have one shape, got {sources.shape} and {targets.shape}.")
+        raise ValueError(f"targets has shape {targets.shape}; it must be of the shape of sources, {sources.shape}.")
     out = np.empty(len(sources), np.int64)
     distances_all(sources, targets, UNLIMITED if limit is None else check_integer("limit", limit, 0), out)
     return out
 
 
 def reachable(sources: Cells, targets: Cells, k: int) -> NDArray[np.bool_]:
-    """Return whether some sequence of at most ``k`` actions leads from each source's state to its target's, bool [N].
+    """Return whether some sequence of at most `k` actions leads from each source's state to its target's, bool [N].
 
-    This is the ground-truth reachability network (appendix B.2): every state reaches itself, the relation is
-    directed, and a state on the goal, where the episode is over, reaches nothing else.
+    This is the ground-truth reachability network (appendix B.2). Every state reaches itself. The relation is not
+    symmetric. A state on the goal reaches nothing else, because the episode has ended.
     """
     return np.not_equal(distances(sources, targets, limit=check_integer("k", k, 0)), NOWHERE)

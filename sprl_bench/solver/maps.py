@@ -1,4 +1,4 @@
-"""Reading the full state of a grid task from an observation, and refusing what is no map of one."""
+"""Reads the full state of a grid task from an observation, and checks that it is a valid map."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FAULTS: Final = (
     "it does not hold exactly one agent",
     "it holds more than one key, door or goal",
 )
-"""What can be wrong with a map, by the number that ``_fault`` returns; 0 stands for nothing."""
+"""The faults of a map, by the number that `_fault` returns; 0 means none."""
 
 
 class State(NamedTuple):
@@ -31,7 +31,7 @@ class State(NamedTuple):
 
     agent: Integers  # [N] cell
     direction: Integers  # [N] 0 right, 1 down, 2 left, 3 up
-    key: Integers  # [N] cell; S * S if in hand, or if there is none
+    key: Integers  # [N] cell; S * S if carried, or if there is none
     door_state: Integers  # [N] 0 open, 1 closed, 2 locked; 0 if there is none
     door: Integers  # [N] cell, or -1 if there is none
     goal: Integers  # [N] cell
@@ -46,24 +46,24 @@ def parse(observations: Cells) -> State:
 
 
 def checked_maps(observations: Cells, name: str = "observations") -> Cells:
-    """Return observations in the one layout that the kernels are compiled for, each a map that they may walk on.
+    """Return observations in the memory layout of the compiled kernels, after checking that each is a valid map.
 
-    Compiled code checks no index: on a map without a border, or without an agent, it would leave its arrays.
+    Compiled code does not check indices: on a map without a border or an agent, it would read outside its arrays.
     """
     observations = np.asarray(observations)
     shape = observations.shape
     if observations.dtype != np.uint8 or len(shape) != 4 or shape[1] != shape[2] or shape[3] != 3:
-        raise ValueError(f"{name} must be uint8 [N, S, S, 3], got {observations.dtype} {list(shape)}.")
+        raise ValueError(f"{name} is {observations.dtype} {list(shape)}; it must be uint8 [N, S, S, 3].")
     observations = np.require(observations, requirements=["C", "W"])
     row, fault = _first_fault(observations)
     if fault:
-        raise ValueError(f"{name}[{row}] is no map of a grid task: {_FAULTS[fault]}.")
+        raise ValueError(f"{name}[{row}] is invalid: {_FAULTS[fault]}; it must be a map of a grid task.")
     return observations
 
 
 @kernel
 def _first_fault(observations: Cells) -> tuple[int, int]:
-    """Return the first row that is no valid map and the number of its fault; the fault is 0 if there is none."""
+    """Return the first row that is not a valid map and the number of its fault; 0, 0 if all are valid."""
     for row in range(observations.shape[0]):
         fault = _fault(observations[row])
         if fault:
@@ -73,9 +73,9 @@ def _first_fault(observations: Cells) -> tuple[int, int]:
 
 @inline
 def _fault(cells: Cells) -> int:
-    """Return what is wrong with a map, as a place in ``_FAULTS``.
+    """Return the fault of a map, as an index of `_FAULTS`.
 
-    No goal and no door are legal: the agent hides what it stands on.
+    A map may have no goal and no door: the agent hides the object in its cell.
     """
     size = cells.shape[0]
     agents, keys, doors, goals = 0, 0, 0, 0
@@ -103,14 +103,14 @@ def _fault(cells: Cells) -> int:
 
 @kernel
 def _parse_all(observations: Cells, out: Integers) -> None:
-    """Fill ``out`` [6, N]."""
+    """Fill `out` [6, N]."""
     for index in range(observations.shape[0]):
         read_state(observations[index], out[:, index])
 
 
 @inline
 def read_state(cells: Cells, out: Integers) -> None:
-    """Fill ``out`` with the fields of ``State``."""
+    """Fill `out` with the fields of `State`."""
     size = cells.shape[0]
     area = size * size
     agent, direction, key, door_state, door, goal = NOWHERE, 0, area, OPEN, NOWHERE, NOWHERE
@@ -133,7 +133,7 @@ def read_state(cells: Cells, out: Integers) -> None:
 
 @inline
 def _is_divided(cells: Cells) -> bool:
-    """Return whether the inner walls stand in one column, as in KeyDoors, and not in several, as in FourRooms."""
+    """Return whether the inner walls are in one column, as in KeyDoors, and not in several, as in FourRooms."""
     size = cells.shape[0]
     columns = 0
     for x in range(1, size - 1):

@@ -1,6 +1,6 @@
 """Breadth-first search over the full states of one map.
 
-A map is (S, cells, door, goal): walls are read from the cells of any of its observations. A state is one integer,
+A map is (S, cells, door, goal); any observation of it shows its walls. A state is one integer,
 ((key * 3 + door state) * S * S + agent) * 4 + direction.
 """
 
@@ -31,12 +31,12 @@ from sprl_bench.envs.grid.encoding import (
 from sprl_bench.solver.maps import NOWHERE, Cells, Integers, read_state, same_walls
 
 UNLIMITED: Final = 2**40
-_ANY_GOAL: Final = -1  # instead of a target: every state with the agent on the goal
+_ANY_GOAL: Final = -1  # as a target: all states with the agent on the goal
 
 
 @kernel
 def distances_all(sources: Cells, targets: Cells, limit: int, out: Integers) -> None:
-    """Fill ``out`` [N] with the distances between two batches of observations."""
+    """Fill `out` [N] with the distances between two batches of observations."""
     size = sources.shape[1]
     area = size * size
     stamps = np.zeros(num_codes(size), np.int64)
@@ -55,7 +55,7 @@ def distances_all(sources: Cells, targets: Cells, limit: int, out: Integers) -> 
 
 @kernel
 def solve_all(observations: Cells, out: Integers, actions: Integers) -> None:
-    """Fill ``out`` [N] with the distances to the goal, and ``actions`` [N] with the first actions."""
+    """Fill `out` [N] with the distances to the goal, and `actions` [N] with the first actions."""
     size = observations.shape[1]
     stamps = np.zeros(num_codes(size), np.int64)
     queue, parents = np.empty_like(stamps), np.empty_like(stamps)
@@ -75,7 +75,7 @@ def solve_all(observations: Cells, out: Integers, actions: Integers) -> None:
 
 @kernel
 def path_of(cells: Cells, out: Integers) -> int:
-    """Fill ``out`` with the actions of a shortest path to the goal, and return their number."""
+    """Fill `out` with the actions of a shortest path to the goal, and return their number."""
     size = cells.shape[0]
     stamps = np.zeros(num_codes(size), np.int64)
     queue, parents = np.empty_like(stamps), np.empty_like(stamps)
@@ -104,9 +104,9 @@ def _search(
 ) -> tuple[int, int]:
     """Search breadth-first; return the number of steps and the state found.
 
-    On the way to the goal the key is never dropped: who keeps it can walk every path, and toggle every door, that
-    who drops it can. ``stamps`` marks the states seen in this search by ``stamp``, so that it need not be cleared;
-    ``parents`` holds 8 * (state before) + action.
+    A search for the goal never drops the key, because an agent with the key can do everything that one without it can.
+    `stamps` marks the states seen in this search with `stamp`, so it is not cleared between searches. `parents` holds
+    8 * (state before) + action.
     """
     size = cells.shape[0]
     area = size * size
@@ -143,7 +143,7 @@ def _search(
 
 @inline
 def _least(code: int, target: int, size: int) -> int:
-    """Return a number of steps that cannot be undercut: what still differs, each action mending one thing by one."""
+    """Return a lower bound of the distance: each action changes one difference between the states by one."""
     area = size * size
     agent, target_agent = code // 4 % area, target // 4 % area
     rows, columns = agent // size - target_agent // size, agent % size - target_agent % size
@@ -196,6 +196,6 @@ def _code(area: int, agent: int, direction: int, key: int, door_state: int) -> i
 
 @inline
 def num_codes(size: int) -> int:
-    """Return how many integers may stand for a state on a map of S x S cells."""
+    """Return the number of integers that encode states on a map of S x S cells."""
     area = size * size
     return (area + 1) * 3 * area * 4

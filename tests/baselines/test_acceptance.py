@@ -60,7 +60,9 @@ def greedy_returns(agent: Any, episodes: int) -> np.ndarray[Any, Any]:
     observations, _ = envs.reset()
     returns, running = np.zeros(episodes), np.ones(episodes, dtype=bool)
     while running.any():
-        actions = agent.learner.act_greedily(torch.from_numpy(observations)).numpy()
+        with torch.inference_mode():
+            log_probabilities, _ = agent.learner.network(torch.from_numpy(observations))
+        actions = log_probabilities.argmax(dim=1).numpy()
         observations, rewards, terminated, truncated, _ = envs.step(actions)
         returns += rewards * running
         running &= ~(terminated | truncated)

@@ -15,7 +15,8 @@ from torch import Tensor
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines import agents
 from sprl_baselines.bonus import Bonus, NoBonusConfig, Setting
-from sprl_baselines.learning.rollout import Collector, Decision, Rollout
+from sprl_baselines.learning.collector import Collector, Decision
+from sprl_baselines.learning.rollout import Rollout
 
 CPU = torch.device("cpu")
 NUM_ENVS, LENGTH = 4, 150  # long enough for every sub-env to reach the time limit once

@@ -17,14 +17,14 @@ from torch import Tensor
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.bonus import Setting
 from sprl_baselines.gt_grid import GTGrid, GTGridConfig
-from sprl_baselines.learning.rollout import Collector, Decision, Rollout
+from sprl_baselines.learning.collector import Collector, Decision
+from sprl_baselines.learning.rollout import Rollout
 from sprl_bench import solver
 
 CPU = torch.device("cpu")
 SIZE = 5
 GRID = spaces.Box(0, 255, (SIZE, SIZE, 3), np.uint8)
 ACTIONS = spaces.Discrete(7)
-TURNS = [0, 1]
 Cell = tuple[int, int]
 Walk = list[list[Cell]]  # of one sub-env: its episodes, each the cells from the first to the true successor of the last
 
@@ -130,7 +130,7 @@ def test_first_visits_against_sets(walk: Walk, at: int) -> None:
 
 
 def _part(rollout: Rollout, steps: slice) -> Rollout:
-    """Return some steps; what "position" does not read is left as it is."""
+    """Return some steps; observations are left as they are, as the bonus does not read them."""
     fields = {name: getattr(rollout, name) for name in Rollout.__dataclass_fields__}
     for name in ("rewards", "terminated", "truncated", "positions", "next_positions"):
         fields[name] = fields[name][steps]
@@ -157,33 +157,18 @@ def key_doors() -> Rollout:
     return rollout
 
 
-def in_key_doors(**hyperparameters: Any) -> GTGrid:
+def in_key_doors() -> GTGrid:
     single = gymnasium.make("SPRL/KeyDoors-7x7-v1")
     setting = Setting(single.observation_space, single.action_space, 8, 0, CPU)
-    return GTGrid(setting, GTGridConfig(bonus_weight=1.0, **hyperparameters))
+    return GTGrid(setting, GTGridConfig(bonus_weight=1.0))
 
 
-def test_of_states_a_shortest_path_repeats_none_but_for_turning(key_doors: Rollout) -> None:
-    """Key and door make a state new where the agent stays; a direction does not."""
-    paid = in_key_doors(visit_key="state").reward(key_doors).bool()
-    turned = torch.isin(key_doors.actions, torch.tensor(TURNS))
-    assert torch.equal(paid, ~turned)
-    assert set(key_doors.actions[paid].tolist()) >= {2, 3, 5}  # forward, pick up, toggle
-
-
-def test_of_cells_only_moves_can_be_new(key_doors: Rollout) -> None:
-    paid = in_key_doors(visit_key="position").reward(key_doors).bool()
+def test_only_moves_can_be_new(key_doors: Rollout) -> None:
+    paid = in_key_doors().reward(key_doors).bool()
     moved = key_doors.actions == 2
     assert paid[moved].any()
     assert not paid[~moved].any()
     assert paid[key_doors.terminated].all()  # the goal's cell, which is new at each end
-
-
-def test_a_cell_visited_without_the_key_is_new_with_it(key_doors: Rollout) -> None:
-    """Between a return to a known cell and a new one the two keys differ."""
-    by_cell, by_state = (in_key_doors(visit_key=key).reward(key_doors).bool() for key in ("position", "state"))
-    assert (by_state | ~by_cell).all()
-    assert (by_state & ~by_cell & (key_doors.actions == 2)).any()
 
 
 # -------------------------------------------------------------------------------------- wrong spaces
@@ -192,7 +177,7 @@ def test_a_cell_visited_without_the_key_is_new_with_it(key_doors: Rollout) -> No
 @pytest.mark.parametrize("shape", [(16,), (5, 7, 3), (5, 5, 1)])
 def test_observations_without_cells_are_refused(shape: tuple[int, ...]) -> None:
     space = spaces.Box(0, 255, shape, np.uint8)
-    with pytest.raises(ValueError, match=r"GT-Grid has no cells to count in observations in Box.*: need \(S, S, 3\)"):
+    with pytest.raises(ValueError, match=r"observation_space is Box.*; it must be \(S, S, 3\)"):
         GTGrid(Setting(space, ACTIONS, 1, 0, CPU), GTGridConfig())
 
 
@@ -200,10 +185,5 @@ def test_an_env_that_reports_no_position_is_refused() -> None:
     rollout = walked([[A, B]])
     fields = {name: getattr(rollout, name) for name in Rollout.__dataclass_fields__}
     nowhere = torch.empty(1, 1, 0, dtype=torch.int64)
-    with pytest.raises(ValueError, match="visit_key='position' needs an env that reports the agent's position"):
+    with pytest.raises(ValueError, match=r"positions has the shape \(1, 1, 0\); it must be \(T, N, 2\)"):
         gt_grid(1).reward(Rollout(**{**fields, "positions": nowhere, "next_positions": nowhere}))
-
-
-def test_another_visit_key_is_refused() -> None:
-    with pytest.raises(ValueError, match="visit_key='pose' must be text, one of 'position', 'state'"):
-        GTGridConfig(visit_key="pose")

@@ -126,7 +126,7 @@ def test_a_strided_convolution_is_pytorchs_in_outputs_and_gradients(sides: tuple
 
 def test_a_strided_convolution_refuses_images_of_other_sides() -> None:
     layer = StridedConvolution(3, (7, 7), 1.0, torch.Generator().manual_seed(0))
-    with pytest.raises(ValueError, match=r"The images are \(7, 9\); the layer was made for \(7, 7\)"):
+    with pytest.raises(ValueError, match=r"Sides of images is \(7, 9\); it must be \(7, 7\)"):
         layer(torch.zeros(1, 3, 7, 9))
 
 
@@ -313,16 +313,16 @@ def test_its_optimizer_is_as_its_settings_say() -> None:
 
 
 def test_more_minibatches_than_transitions_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"icm_minibatches=61 must be at most num_envs \* rollout_length, 60"):
+    with pytest.raises(ValueError, match=r"icm_minibatches is 61; it must be at most num_envs \* rollout_length, 60"):
         icm(FLAT, DISCRETE, icm_minibatches=61).update(drawn_rollout(FLAT, DISCRETE))
 
 
 @pytest.mark.parametrize(
     ("observations", "actions", "complaint"),
     [
-        (spaces.Discrete(5), DISCRETE, "ICM has no features for observations in Discrete"),
-        (FLAT, spaces.MultiDiscrete([2, 2]), "ICM has no model for actions in MultiDiscrete"),
-        (FLAT, spaces.Discrete(3, start=1), "ICM has no model for actions in Discrete"),
+        (spaces.Discrete(5), DISCRETE, "observation_space is Discrete.*; it must be"),
+        (FLAT, spaces.MultiDiscrete([2, 2]), "action_space is MultiDiscrete.*; it must be"),
+        (FLAT, spaces.Discrete(3, start=1), "action_space is Discrete.*; it must be"),
     ],
 )
 def test_other_spaces_are_refused(observations: Space[Any], actions: Space[Any], complaint: str) -> None:

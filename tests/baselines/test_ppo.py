@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from torch import Tensor
 
-from sprl_baselines.learning.distinct import distinct
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.ppo import PPO, PPOConfig, Samples, ppo_losses
 
 GRID = spaces.Box(0, 255, (7, 7, 3), np.uint8)
@@ -32,8 +29,7 @@ def batch(
 ) -> Samples:
     zeros = [0.0] * len(advantages)
     return Samples(
-        distinct_observations=torch.zeros(1, 1),
-        places=torch.zeros(len(advantages), dtype=torch.int64),
+        observations=Rows.of(torch.zeros(len(advantages), 1)),
         actions=torch.zeros(len(advantages), dtype=torch.int64),
         log_probs=torch.tensor(old_log_probs or zeros),
         values=torch.tensor(values or zeros),
@@ -102,24 +98,6 @@ def test_the_loss_weighs_its_parts() -> None:
     assert found["entropy"] == 2.0
 
 
-# ------------------------------------------------------------------------------- distinct observations
-
-
-def test_distinct_rows_in_order_of_appearance() -> None:
-    rows, places = distinct(torch.tensor([[3, 1], [2, 2], [3, 1], [3, 2], [2, 2]], dtype=torch.uint8))
-    assert rows.tolist() == [[3, 1], [2, 2], [3, 2]]
-    assert places.tolist() == [0, 1, 0, 2, 1]
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.lists(st.sampled_from([0.0, 1.5, -2.0]), min_size=2, max_size=2), min_size=1, max_size=30))
-def test_distinct_rows_are_distinct_and_give_the_rows_back(rows: list[list[float]]) -> None:
-    observations = torch.tensor(rows, dtype=torch.float64)
-    found, places = distinct(observations)
-    assert torch.equal(found[places], observations)
-    assert len({tuple(row) for row in found.tolist()}) == len(found)
-
-
 # ------------------------------------------------------------------------------------------- update
 
 
@@ -171,8 +149,8 @@ def plain_update(ppo: PPO, rollout: Rollout, rewards: Tensor) -> None:
     generator.set_state(ppo.state_dict()["generator"])
     for _ in range(config.epochs):
         for chosen in torch.randperm(len(returns), generator=generator).chunk(config.minibatches):
-            distribution, now = network(observations[chosen])
-            policy = torch.distributions.Categorical(logits=distribution.log_probabilities)
+            logits, now = network(observations[chosen])
+            policy = torch.distributions.Categorical(logits=logits)
             ratio = (policy.log_prob(actions[chosen]) - old[chosen]).exp()
             gain = advantages.flatten()[chosen]
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
@@ -219,16 +197,6 @@ def test_what_follows_a_truncation_counts_only_on_request() -> None:
     torch.testing.assert_close(found[False], rollout.rewards[rollout.truncated])
     values = learner().network.values(rollout.final_observations).detach()
     torch.testing.assert_close(found[True], rollout.rewards[rollout.truncated] + 0.99 * values)
-
-
-def test_every_epoch_sees_every_sample_once_in_near_equal_parts() -> None:
-    ppo = learner(minibatches=7, epochs=2)
-    samples = ppo._samples(made_up_rollout(), torch.arange(64.0).view(16, 4))
-    parts = [part.returns for part in ppo._minibatches(samples)]
-    assert [len(part) for part in parts] == [10, 9, 9, 9, 9, 9, 9] * 2
-    for epoch in (parts[:7], parts[7:]):
-        assert torch.equal(torch.cat(epoch).sort().values, samples.returns.sort().values)
-    assert not torch.equal(torch.cat(parts[:7]), torch.cat(parts[7:]))
 
 
 def test_annealing_follows_the_remaining_budget() -> None:
@@ -311,10 +279,3 @@ def test_a_saved_state_does_not_move_with_its_learner() -> None:
     ppo.update(rollout, rollout.rewards)
     assert all(torch.equal(state["network"][name], kept[name]) for name in kept)
     assert torch.equal(state["optimizer"]["0"]["exp_avg"], moment)
-
-
-def test_greedy_actions_are_the_most_likely() -> None:
-    ppo, rollout = learner(), made_up_rollout()
-    observations = rollout.observations.flatten(0, 1)
-    policy, _ = ppo.network(observations)
-    assert torch.equal(ppo.act_greedily(observations), policy.mode())

@@ -130,7 +130,7 @@ def test_gradients_are_cut_at_ten_where_the_authors_did_so() -> None:
 )
 def test_an_agent_without_such_a_preset_is_told_who_has_one(agent: str, domain: str, preset: str) -> None:
     with pytest.raises(
-        ValueError, match=rf"Agent '{agent}' has no settings for domain '{domain}' \(preset '{preset}'\); .*sprl"
+        ValueError, match=rf"agent is '{agent}'; it must be one with the preset '{preset}' of domain '{domain}': .*sprl"
     ):
         AGENTS[agent].hyperparameters(domain, {"preset": preset})
 

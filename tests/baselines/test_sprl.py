@@ -17,7 +17,8 @@ from torch import Tensor
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.agents import gt_sprl, sprl
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.rollout import Collector, Decision, Rollout
+from sprl_baselines.learning.collector import Collector, Decision
+from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig, count_votes, votes_needed
 from sprl_bench import solver
 

@@ -130,24 +130,30 @@ def test_arguments_that_do_not_exist_are_named_with_a_suggestion(make) -> None:
 @pytest.mark.filterwarnings("ignore:.*not in the possible render_modes")
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_a_wrong_render_mode_is_named_with_a_suggestion(make) -> None:
-    with pytest.raises(ValueError, match=r"render_mode must be one of .*got 'rgb_aray'\. Did you mean 'rgb_array'\?"):
+    with pytest.raises(
+        ValueError, match=r"render_mode is 'rgb_aray'; it must be one of .*\. Did you mean 'rgb_array'\?"
+    ):
         make(IDS[0], render_mode="rgb_aray")
 
 
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"num_envs": 0}, ValueError, "num_envs must be an integer of at least 1, got 0"),
-        ({"num_envs": 2.0}, TypeError, "num_envs must be an integer of at least 1, got 2.0 of type float"),
-        ({"num_envs": True}, TypeError, "num_envs must be an integer"),
-        ({"num_threads": 0}, ValueError, "num_threads must be an integer of at least 1, got 0"),
-        ({"num_threads": "2"}, TypeError, "num_threads must be an integer"),
-        ({"max_episode_steps": 0}, ValueError, "max_episode_steps must be an integer of at least 1, got 0"),
+        ({"num_envs": 0}, ValueError, "num_envs is 0; it must be an integer of at least 1"),
+        ({"num_envs": 2.0}, TypeError, "num_envs is 2.0; it must be an integer of at least 1"),
+        ({"num_envs": True}, TypeError, "num_envs is True; it must be an integer"),
+        ({"num_threads": 0}, ValueError, "num_threads is 0; it must be an integer of at least 1"),
+        ({"num_threads": "2"}, TypeError, "num_threads is '2'; it must be an integer"),
+        ({"max_episode_steps": 0}, ValueError, "max_episode_steps is 0; it must be an integer of at least 1"),
         ({"max_episode_steps": -2}, ValueError, "max_episode_steps"),
         ({"max_episode_steps": 5.0}, TypeError, "max_episode_steps"),
-        ({"autoreset_mode": "samestep"}, ValueError, r"autoreset_mode must be one of .* Did you mean 'SameStep'\?"),
-        ({"autoreset_mode": None}, ValueError, "autoreset_mode must be one of"),
-        ({"copy": "no"}, ValueError, "copy must be one of True, False, got 'no'"),
+        (
+            {"autoreset_mode": "samestep"},
+            ValueError,
+            r"autoreset_mode is 'samestep'; it must be one of .* Did you mean 'SameStep'\?",
+        ),
+        ({"autoreset_mode": None}, ValueError, "autoreset_mode is None; it must be one of"),
+        ({"copy": "no"}, ValueError, "copy is 'no'; it must be one of True, False"),
         ({"num_thread": 2}, TypeError, r"Did you mean 'num_threads'\?"),
     ],
 )

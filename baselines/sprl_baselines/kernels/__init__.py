@@ -1,1 +1,1 @@
-"""Fast CPU forms of what `learning` computes; each equals its plain form."""
+"""Fast CPU versions of parts of the networks. Each equals its plain PyTorch version."""

@@ -1,11 +1,11 @@
-"""2x2 SAME convolutions with concatenated rectifiers, compiled for the CPU: forward, and backward to the parameters.
+"""2x2 SAME convolutions with CReLU, compiled for the CPU: forward, and backward to the parameters.
 
-On images as small as a grid PyTorch spends more time around the products than on them, so they are spelled out here. A
-block of images is laid out as one plane a channel, each image with an empty row below and an empty column on its right:
-then each of a kernel's four taps is the whole plane moved by a constant, and the inner loops run over long rows.
-Backward, the block is computed again, which is cheaper than to remember it.
+On images as small as a grid, most of PyTorch's time is overhead. Here a block of images is stored as one plane for each
+channel; each image has an empty row below it and an empty column on its right. Then each of a kernel's four taps is
+the whole plane shifted by a constant, and the inner loops run over long rows. The backward pass computes the block
+again, because that is faster than storing it.
 
-All is in one file, as Numba's cache on disk watches no other.
+Everything is in one file, because Numba's cache on disk only notices changes of the file that holds a kernel.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ Mask = NDArray[np.bool_]
 Offsets = NDArray[np.int64]
 F = TypeVar("F", bound=Callable[..., Any])
 
-BLOCK: Final = 1024  # numbers in a plane, so that the planes that are worked on stay in the cache
-FAST_MATH: Final = {"contract", "nsz", "reassoc"}  # sums may be taken in any order, the same one every time
+BLOCK: Final = 1024  # numbers in a plane, so that the planes in use stay in the CPU cache
+FAST_MATH: Final = {"contract", "nsz", "reassoc"}  # sums may be reordered, but the order is the same every time
 
 
 def kernel(function: F) -> F:
-    """Compile to machine code, kept on disk where a folder can be written."""
+    """Compile to machine code, cached on disk if a folder is writable."""
     try:
         return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
     except RuntimeError:
         return cast(F, njit(nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
 
 
-# A plane holds `count` numbers, (H + 1) * (W + 1) an image, and `stride` = W + 1 lie between one row and the next.
-# Behind a plane that is convolved, and before a gradient that is, lie stride + 1 numbers more, for the taps to reach.
-# So planes are [C, count + stride + 1], where C is 2 O behind a layer, and its weights [O, C, 4].
+# A plane holds `count` numbers: (H + 1) * (W + 1) for each image, in rows of `stride` = W + 1. After the numbers of a
+# plane, and before those of a gradient, there are stride + 1 more, because the taps read past the end. So planes are
+# [C, count + stride + 1], with C = 2 O after a layer of O outputs, and weights are [O, C, 4].
 
 
 @kernel
@@ -55,7 +55,7 @@ def forward(images: Array, weights: Arrays, biases: Arrays, features: Array) -> 
 def backward(
     images: Array, weights: Arrays, biases: Arrays, gradient: Array, weight_gradients: Arrays, bias_gradients: Arrays
 ) -> None:
-    """Add the gradients of the parameters, from that of the features."""
+    """Add to the gradients of the parameters, from the gradient of the features."""
     offsets, mask = _offsets(weights), _mask(images.shape)
     planes, plane_gradients = _planes(offsets, mask), _planes(offsets, mask)
     stride = mask.shape[2]
@@ -78,7 +78,7 @@ def backward(
 
 @kernel
 def _offsets(weights: Arrays) -> Offsets:
-    """Return where the planes of the images begin, those of each layer, and where the last ones end."""
+    """Return the first plane of the images, of each layer, and the end of the last layer's planes."""
     offsets = np.zeros(len(weights) + 2, np.int64)
     offsets[1] = weights[0].shape[1]
     for layer in range(len(weights)):
@@ -88,7 +88,7 @@ def _offsets(weights: Arrays) -> Offsets:
 
 @kernel
 def _mask(shape: tuple[int, int, int, int]) -> Mask:
-    """Return whether the planes of a block `[B, H + 1, W + 1]` hold a cell there, or pad."""
+    """Return which numbers of a block's planes `[B, H + 1, W + 1]` are cells and not padding."""
     number, height, width, _ = shape
     number = max(1, min(number, BLOCK // ((height + 1) * (width + 1))))
     mask = np.zeros((number, height + 1, width + 1), np.bool_)
@@ -98,13 +98,13 @@ def _mask(shape: tuple[int, int, int, int]) -> Mask:
 
 @kernel
 def _planes(offsets: Offsets, mask: Mask) -> Array:
-    """Return room for the planes of a block, those of the images and of every layer."""
+    """Return zeros for the planes of a block: those of the images and of every layer."""
     return np.zeros((offsets[-1], mask.size + mask.shape[2] + 1), np.float32)
 
 
 @kernel
 def _flipped(weights: Array) -> Array:
-    """Return the weights `[C, O, 4]` by which gradients go back: the same taps, the other way round."""
+    """Return the weights `[C, O, 4]` of the backward pass: the taps in reverse order."""
     outputs, channels, taps = weights.shape
     flipped = np.empty((channels, outputs, taps), np.float32)
     for output in range(outputs):
@@ -116,7 +116,7 @@ def _flipped(weights: Array) -> Array:
 
 @kernel
 def _rectified(images: Array, weights: Arrays, biases: Arrays, offsets: Offsets, mask: Mask, planes: Array) -> None:
-    """Fill the planes with a block of images and with what each layer makes of them."""
+    """Fill the planes with a block of images and with the outputs of each layer."""
     stride, count = mask.shape[2], mask[: len(images)].size
     _pack(images, planes[: offsets[1]])
     for layer in range(len(weights)):
@@ -131,7 +131,7 @@ def _rectified(images: Array, weights: Arrays, biases: Arrays, offsets: Offsets,
 def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Array) -> None:
     """Add the four taps of all `planes` [C, ...] to the first planes of `out`, one for each of the weights' outputs.
 
-    Two outputs at a time share what is read of the planes; where their number is odd, the last one's partner is waste.
+    Two outputs at a time share the reads of the planes. If their number is odd, the last is paired with scratch space.
     """
     outputs, channels, _ = weights.shape
     waste = np.zeros(count, np.float32)
@@ -154,9 +154,9 @@ def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Arra
 def _correlate_gradient(
     planes: Array, gradient: Array, count: int, stride: int, weight_gradients: Array, bias_gradients: Array
 ) -> None:
-    """Add the gradients of weights and bias, from that `[O, stride + 1 + count]` of the responses.
+    """Add to the gradients of weights and biases, from the gradient `[O, stride + 1 + count]` of the responses.
 
-    Two outputs at a time share what is read of the planes.
+    Two outputs at a time share the reads of the planes.
     """
     outputs, channels, _ = weight_gradients.shape
     for output in range(outputs):
@@ -195,7 +195,7 @@ def _add_taps(taps: Array, first: np.float32, second: np.float32, third: np.floa
 
 @kernel
 def _rectify(planes: Array, count: int, mask: Mask) -> None:
-    """Turn responses, in the first half of the planes, into both of their rectified signs, and 0 where planes pad."""
+    """Apply the CReLU to the responses in the first half of the planes; the padding becomes 0."""
     half, zero = len(planes) // 2, np.float32(0)
     for channel in range(half):
         positive, negative = planes[channel], planes[half + channel]
@@ -207,7 +207,7 @@ def _rectify(planes: Array, count: int, mask: Mask) -> None:
 
 @kernel
 def _rectify_gradient(planes: Array, gradient: Array, count: int, stride: int, out: Array) -> None:
-    """Fill `out` with the gradient of the responses, from that of both rectified signs."""
+    """Fill `out` with the gradient of the responses, from the gradient of the CReLU's outputs."""
     half, zero = len(planes) // 2, np.float32(0)
     for channel in range(half):
         positive, negative = planes[channel], planes[half + channel]
@@ -218,7 +218,7 @@ def _rectify_gradient(planes: Array, gradient: Array, count: int, stride: int, o
 
 @kernel
 def _pack(images: Array, planes: Array) -> None:
-    """Lay out images `[B, H, W, C]` as planes."""
+    """Copy images `[B, H, W, C]` into planes."""
     number, height, width, channels = images.shape
     for channel in range(channels):
         grids = planes[channel, : number * (height + 1) * (width + 1)].reshape(number, height + 1, width + 1)
@@ -230,7 +230,7 @@ def _pack(images: Array, planes: Array) -> None:
 
 @kernel
 def _unpack(planes: Array, images: Array) -> None:
-    """Take images `[B, H, W, C]` from planes."""
+    """Copy planes into images `[B, H, W, C]`."""
     number, height, width, channels = images.shape
     for channel in range(channels):
         grids = planes[channel, : number * (height + 1) * (width + 1)].reshape(number, height + 1, width + 1)

@@ -1,1 +1,1 @@
-"""What every agent learns with: rollouts, returns, distributions, networks, hyperparameters."""
+"""What all agents share: rollouts, returns, distributions, networks, hyperparameters."""

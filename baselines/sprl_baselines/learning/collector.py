@@ -18,7 +18,7 @@ Array = npt.NDArray[Any]
 
 
 class Decision(NamedTuple):
-    """What a policy chose for N observations, and what it thought of them."""
+    """A policy's actions for N observations, and the values of these."""
 
     actions: Tensor  # [N] or [N, A]
     log_probs: Tensor  # [N]
@@ -29,21 +29,20 @@ Policy = Callable[[Tensor], Decision]
 
 
 class Collector:
-    """Steps a vector env by a policy, and remembers between rollouts what the envs showed last.
+    """Steps a vector env with a policy. Between rollouts it keeps the last observations.
 
     Args:
-        envs: A vector env that resets a sub-env within the step that ends its episode (SameStep), so that every
-            step is a transition.
+        envs: A vector env with autoreset mode SameStep, so that every step is a transition.
         length: Steps T of a rollout.
-        device: Where the policy acts and rollouts end up.
-        action_noise: Standard deviation of what is added to every component of an action before it is clipped and
-            executed; a rollout keeps actions as the policy drew them.
-        seed: Source of that noise.
-        stack: Earlier observations of the episode that are joined to each, oldest first, along the last axis (appendix
-            A.3); at the start of an episode its first one stands for those before it.
+        device: Device of the policy and of the rollouts.
+        action_noise: Standard deviation of the Gaussian noise added to continuous actions before they are clipped and
+            executed. The rollout holds the actions without noise.
+        seed: Seed of the noise.
+        stack: Number of earlier observations of the episode that are joined to each one, oldest first, along the last
+            axis (appendix A.3). At the start of an episode, copies of its first observation take their place.
 
     Raises:
-        ValueError: The envs reset in another way, or there is noise and actions are not continuous.
+        ValueError: The autoreset mode is another one, or there is noise and actions are not continuous.
     """
 
     def __init__(
@@ -58,10 +57,10 @@ class Collector:
     ) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
-            raise ValueError(f"The vector env has autoreset_mode={mode}; agents need {AutoresetMode.SAME_STEP}.")
+            raise ValueError(f"autoreset_mode of the vector env is {mode}; it must be {AutoresetMode.SAME_STEP}.")
         space = envs.single_action_space
         if action_noise and not isinstance(space, gymnasium.spaces.Box):
-            raise ValueError(f"Hyperparameter action_noise={action_noise} must be 0 where actions are in {space}.")
+            raise ValueError(f"Hyperparameter action_noise is {action_noise}; it must be 0 for actions in {space}.")
         self._envs, self._length, self._device = envs, length, device
         self._action_noise, self._generator = action_noise, torch.Generator().manual_seed(seed)
         self._clipped = clipping(space)
@@ -71,13 +70,13 @@ class Collector:
         self._taken = 0  # steps of each sub-env
 
     def reset(self) -> None:
-        """Start new episodes everywhere, with the seeds that the envs already hold."""
+        """Start a new episode in every sub-env, with the seeds that the envs already have."""
         first, infos = self._envs.reset()
         self._observations = self._alone(first)
         self._positions = self._position(infos)
 
     def collect(self, policy: Policy) -> Rollout:
-        """Take T steps with `policy`, which is called under `torch.inference_mode`."""
+        """Take T steps with `policy`, called under `torch.inference_mode`."""
         tape = _Tape()
         with torch.inference_mode():
             for _ in range(self._length):
@@ -86,9 +85,9 @@ class Collector:
         return tape.rollout(self._observations, self._positions, self._device)
 
     def _step(self, decision: Decision, tape: _Tape) -> None:
-        """Take one step in every sub-env, and put it on tape."""
+        """Take one step in every sub-env, and store it on the tape."""
         actions = self._clipped(self._perturbed(decision.actions.cpu()).numpy())
-        seen = self._observations.copy(), self._positions.copy()  # some envs change in place what they returned
+        seen = self._observations.copy(), self._positions.copy()  # some envs later change these arrays in place
         following, rewards, terminated, truncated, infos = self._envs.step(actions)
         self._taken += 1
         _refuse_not_finite(following, self._taken)
@@ -103,11 +102,11 @@ class Collector:
             tape.final_positions.extend(self._position(infos["final_info"])[ended])
 
     def _joined(self, before: Array, following: Array) -> Array:
-        """Join what follows to the newest of what was joined before, `[B, ...]`; a copy."""
+        """Append new observations to stacked ones and drop the oldest, `[B, ...]`; a copy."""
         return np.concatenate((before[..., following.shape[-1] :], following), axis=-1)
 
     def _alone(self, first: Array) -> Array:
-        """Join the first observations of episodes to themselves, `[B, ...]`; a copy."""
+        """Stack copies of the first observations of episodes, `[B, ...]`; a copy."""
         return np.tile(first, self._stack + 1)
 
     def _perturbed(self, actions: Tensor) -> Tensor:
@@ -117,12 +116,12 @@ class Collector:
         return actions + self._action_noise * torch.randn(actions.shape, generator=self._generator)
 
     def _position(self, infos: Mapping[str, Any]) -> Array:
-        """The (x, y) that a grid env reports, `[N, 2]`; from other envs nothing, `[N, 0]`."""
+        """Return the (x, y) that a grid env reports, `[N, 2]`; `[N, 0]` for other envs."""
         position: Array = infos.get("position", np.empty((self._envs.num_envs, 0), dtype=np.int64))
         return position
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what the envs showed last, and where the noise goes on."""
+        """Return the last observations and positions, and the noise generator's state."""
         return {
             "observations": self._observations.copy(),
             "positions": self._positions.copy(),
@@ -131,14 +130,14 @@ class Collector:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from what the envs showed last, instead of a reset."""
+        """Restore such a state. It replaces a reset."""
         self._observations, self._positions = np.array(state["observations"]), np.array(state["positions"])
         self._taken = int(state["taken"])
         self._generator.set_state(state["generator"].cpu())
 
 
 class _Tape:
-    """Steps as they come, to be stacked into a rollout once."""
+    """Single steps, stacked into a rollout at the end."""
 
     def __init__(self) -> None:
         self.steps: list[tuple[Array, ...]] = []
@@ -147,7 +146,7 @@ class _Tape:
         self.final_positions: list[Array] = []
 
     def rollout(self, last_observations: Array, last_positions: Array, device: torch.device) -> Rollout:
-        """Stack everything into tensors on `device`."""
+        """Return the rollout, with tensors on `device`."""
         observations, positions, rewards, terminated, truncated = map(np.stack, zip(*self.steps, strict=True))
         actions, log_probs, values = map(torch.stack, zip(*self.decisions, strict=True))
         next_positions = np.concatenate((positions[1:], last_positions[None]))
@@ -186,7 +185,7 @@ def _refuse_not_finite(observations: Array, step: int) -> None:
 
 
 def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
-    """Return what turns actions into ones that the env accepts: continuous ones are clipped to their box."""
+    """Return a function that clips continuous actions to the box of the space; it does not change discrete ones."""
     if isinstance(space, gymnasium.spaces.Box):
         low, high = space.low, space.high
         return lambda actions: np.clip(actions, low, high)
@@ -194,14 +193,14 @@ def clipping(space: gymnasium.Space[Any]) -> Callable[[Array], Array]:
 
 
 def stacked(space: gymnasium.Space[Any], stack: int) -> gymnasium.Space[Any]:
-    """Return the space of observations to which `stack` earlier ones are joined.
+    """Return the space of observations that are joined with `stack` earlier ones.
 
     Raises:
-        ValueError: The observations are no arrays, so there is nothing to join them along.
+        ValueError: The observations are not arrays, so they cannot be joined.
     """
     if stack == 0:
         return space
     if not isinstance(space, gymnasium.spaces.Box):
-        raise ValueError(f"Hyperparameter stack={stack} must be 0 where observations are in {space}.")
+        raise ValueError(f"Hyperparameter stack is {stack}; it must be 0 for observations in {space}.")
     low, high = (np.tile(bound, stack + 1) for bound in (space.low, space.high))
     return gymnasium.spaces.Box(low, high, dtype=space.dtype.type)

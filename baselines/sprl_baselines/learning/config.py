@@ -1,4 +1,4 @@
-"""Hyperparameters as frozen dataclasses: ranges are part of a field's type, and a wrong value is one sentence."""
+"""Hyperparameters as frozen dataclasses: a field's type holds its range, and every value is checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sprl_bench.suggestions import unknown
 
 @dataclass(frozen=True)
 class Range:
-    """An interval of numbers, without its lower end if that is open."""
+    """An interval of numbers; `open_low` excludes its lower end."""
 
     low: float
     high: float = math.inf
@@ -28,12 +28,12 @@ class Range:
 
 
 class Choice(tuple[str, ...]):
-    """One of a few words."""
+    """A choice among words."""
 
     __slots__ = ()
 
     def __new__(cls, *words: str) -> Self:
-        """Hold these words."""
+        """Allow these words."""
         return super().__new__(cls, words)
 
     def __str__(self) -> str:
@@ -47,7 +47,7 @@ Positive = Annotated[float, Range(0, open_low=True)]
 
 
 class Config:
-    """Base of the hyperparameter dataclasses: every field is checked against its annotation when built."""
+    """Base of the hyperparameter dataclasses. It checks every field against its annotation."""
 
     def __post_init__(self) -> None:
         for name, annotation in get_type_hints(type(self), include_extras=True).items():
@@ -55,41 +55,42 @@ class Config:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of the hyperparameters, in the order of their declaration."""
+        """Return the names of the hyperparameters, in the order of declaration."""
         return tuple(field.name for field in fields(cls))  # type: ignore[arg-type]  # subclasses are dataclasses
 
     @classmethod
     def pick(cls, values: Mapping[str, Any]) -> Self:
-        """Build the config from those of `values` that are its own; the rest keep their defaults."""
+        """Make the config from `values`. Names of other configs are ignored; missing ones have their defaults."""
         return cls(**{name: values[name] for name in cls.names() if name in values})
 
     def check_rollout(self, num_steps: int) -> None:
-        """Refuse what rollouts of `num_steps` env steps cannot serve; here nothing is.
+        """Check the hyperparameters that depend on the rollout size. The base class has none.
 
         Raises:
-            ValueError: A hyperparameter asks for more.
+            ValueError: A hyperparameter is too large for rollouts of `num_steps` env steps.
         """
 
     def as_dict(self) -> dict[str, Any]:
-        """All hyperparameters as plain values that JSON can hold."""
+        """Return all hyperparameters as plain values that JSON can hold."""
         return asdict(self)  # type: ignore[call-overload,no-any-return]  # subclasses are dataclasses
 
 
 def reject_unknown(kind: str, given: Mapping[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raise `ValueError` for the first key of `given` that is not allowed, with the nearest allowed name."""
+    """Raise a `ValueError` for the first key of `given` that is not allowed; it suggests the nearest allowed name."""
     for name in given:
         if name not in allowed:
             raise ValueError(unknown(kind, name, allowed))
 
 
 def _checked(name: str, value: Any, annotation: Any) -> Any:
-    """The value in its declared type, or a `ValueError` naming the hyperparameter, the value and what is allowed."""
+    """Return the value in its declared type, or raise a `ValueError`."""
     base, *rules = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
     if base is float and type(value) is int and abs(value) <= _LARGEST:
         value = float(value)
     sound = type(value) is base and (base is not float or math.isfinite(value))
     if not (sound and all(value in rule for rule in rules)):
-        raise ValueError(f"Hyperparameter {name}={value!r} must be {', '.join((_KINDS[base], *map(str, rules)))}.")
+        allowed = ", ".join((_KINDS[base], *map(str, rules)))
+        raise ValueError(f"Hyperparameter {name} is {value!r}; it must be {allowed}.")
     return value
 
 

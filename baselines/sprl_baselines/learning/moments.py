@@ -1,8 +1,7 @@
 """Rewards divided by the running standard deviation of their discounted sum (appendix G.3).
 
-The sum runs forward through each episode, as in Burda et al. (2018): at a step it holds that step's reward and all
-earlier ones of the episode, each discounted by its age. Nothing is subtracted, so a reward keeps its sign and zero
-stays zero.
+The sum runs forward in each episode, as in Burda et al. (2018): it holds a step's reward and all earlier ones of the
+episode, each discounted by its age. No mean is subtracted, so a reward keeps its sign and zero stays zero.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ class RunningVariance:
         self.count, self.mean, self._squares = 0, 0.0, 0.0  # `_squares`: summed squared distances from the mean
 
     def update(self, values: Tensor) -> None:
-        """Take in more values, of any shape."""
+        """Add values, of any shape."""
         values = values.double()
         count, mean = values.numel(), float(values.mean())
         total, distance = self.count + count, mean - self.mean
@@ -31,7 +30,7 @@ class RunningVariance:
 
     @property
     def variance(self) -> float:
-        """Of all values so far; 0 before the first."""
+        """The variance of all values so far; 0 before the first."""
         return self._squares / max(self.count, 1)
 
     def state_dict(self) -> dict[str, Any]:
@@ -39,17 +38,17 @@ class RunningVariance:
         return {"count": self.count, "mean": self.mean, "squares": self._squares}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such numbers."""
+        """Restore such numbers."""
         self.count, self.mean, self._squares = int(state["count"]), float(state["mean"]), float(state["squares"])
 
 
 class RewardNormalizer:
-    """Scales rewards to discounted sums of unit deviation.
+    """Scales rewards so that their discounted sums have unit standard deviation.
 
     Args:
-        num_envs: Sub-envs N, each with its own open sum.
+        num_envs: Sub-envs N, each with its own running sum.
         gamma: Discount per env step.
-        device: Where the rewards are.
+        device: Device of the rewards.
         clip: Largest absolute value of a scaled reward; 0 for no limit.
     """
 
@@ -60,21 +59,21 @@ class RewardNormalizer:
 
     @property
     def deviation(self) -> float:
-        """What rewards are divided by: 1 until some reward differed from another."""
+        """The divisor of rewards: the standard deviation of the sums, or 1 while all sums were equal."""
         return self._moments.variance**0.5 or 1.0
 
     def __call__(self, rewards: Tensor, ended: Tensor) -> Tensor:
-        """Take in a rollout's rewards, then return them scaled by all that was seen, these included.
+        """Add a rollout's rewards to the statistics, then return them scaled.
 
         Args:
             rewards: `[T, N]`.
-            ended: Whether an episode ended with this step, `[T, N]` bool; the next step's sum begins anew.
+            ended: Whether an episode ended with this step, `[T, N]` bool. The next step starts a new sum.
         """
         self._moments.update(self._discounted_sums(rewards.double(), ended))
         return (rewards / self.deviation).clamp(-self._clip, self._clip)
 
     def _discounted_sums(self, rewards: Tensor, ended: Tensor) -> Tensor:
-        """Each step's sum of rewards so far in its episode, `[T, N]`."""
+        """Return each step's discounted sum of rewards so far in its episode, `[T, N]`."""
         sums = torch.empty_like(rewards)
         for step, reward in enumerate(rewards):
             sums[step] = self._gamma * self._sums + reward
@@ -82,10 +81,10 @@ class RewardNormalizer:
         return sums
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the open sums and the moments."""
+        """Return the running sums and the moments."""
         return {"sums": self._sums.clone(), "moments": self._moments.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         self._sums = state["sums"].to(self._sums.device)
         self._moments.load_state_dict(state["moments"])

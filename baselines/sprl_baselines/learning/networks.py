@@ -1,6 +1,6 @@
-"""The policy and value networks, one per kind of observation: the grid's CNN (appendix D.3) and the MLP (G.4).
+"""The policy and value networks: a CNN for grids (appendix D.3) and an MLP for flat observations (appendix G.4).
 
-All parameters are drawn from the generator that is passed in; torch's global random state is never touched.
+All parameters are drawn from the generator that is passed in. Torch's global random state is never used.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from sprl_baselines.learning.observations import RAW, View
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
 POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
-# The published code has sqrt(2) before its plain rectifiers. Before concatenated ones, which give twice the features,
-# Table 1's larger learning rate ends exploration in the first updates with it, but not with 1 (docs/grid-network.md).
+# The published code uses sqrt(2) before plain ReLUs. Before CReLUs, which give twice the features, exploration ends in
+# the first updates with sqrt(2) and Table 1's learning rate, but not with 1 (`notes/grid-network.md`).
 RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
 
 
@@ -41,7 +41,7 @@ class Head(Protocol):
 class ActorCritic(nn.Module):
     """A policy and a value function of the same observation.
 
-    `value_trunk` may be the same module as `policy_trunk`: it then runs, and is stored, once.
+    If `value_trunk` is the same module as `policy_trunk`, it is computed and stored once.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class ActorCritic(nn.Module):
         return self.head(features), self.value(value_features).squeeze(-1)
 
     def values(self, observations: Tensor) -> Tensor:
-        """The values alone, `[B]`."""
+        """Return the values only, `[B]`."""
         trunk = self.policy_trunk if self.shared else self.value_trunk
         values: Tensor = self.value(trunk(self.view(observations))).squeeze(-1)
         return values
@@ -79,19 +79,19 @@ def actor_critic(
     mlp_layers: int = 4,
     mlp_units: int = 256,
 ) -> ActorCritic:
-    """The network for these spaces (of one sub-environment).
+    """Return the network for these spaces of one sub-environment.
 
     Args:
         observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
             flat `Box`.
         action_space: `Discrete`, or a flat `Box`.
-        generator: source of the initial parameters, on the CPU.
-        view: what the network sees of an observation.
-        mlp_layers: hidden layers of the MLP for flat observations.
-        mlp_units: width of each.
+        generator: Generator of the initial parameters, on the CPU.
+        view: What the network sees of an observation.
+        mlp_layers: Hidden layers of the MLP for flat observations.
+        mlp_units: Width of each.
 
     Raises:
-        ValueError: if there is no network for such spaces.
+        ValueError: There is no network for these spaces.
     """
     if grid := grid_shape(observation_space):
         policy_trunk = value_trunk = grid_trunk(*grid, generator)
@@ -101,13 +101,13 @@ def actor_critic(
         policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
         features = mlp_units
     else:
-        raise ValueError(f"No network for observations in {observation_space}: need {GRIDS} or a flat Box.")
+        raise ValueError(f"observation_space is {observation_space}; it must be {GRIDS} or a flat Box.")
     head = policy_head(features, action_space, generator)
     return ActorCritic(view, policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
 
 
 def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
-    """A linear layer with orthogonal weights and zero bias."""
+    """Return a linear layer with orthogonal weights and zero biases."""
     layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)  # type: ignore[no-untyped-call] # torch has no types there
     nn.init.orthogonal_(layer.weight, gain, generator)
     nn.init.zeros_(layer.bias)
@@ -118,7 +118,7 @@ def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -
 
 
 class CategoricalHead(nn.Module):
-    """Logits for discrete actions."""
+    """Log-probabilities of discrete actions."""
 
     def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
         super().__init__()
@@ -135,7 +135,7 @@ class CategoricalHead(nn.Module):
 
 
 class GaussianHead(nn.Module):
-    """A mean for continuous actions, and a standard deviation that does not depend on the state, at first 1."""
+    """Means of continuous actions, and standard deviations that do not depend on the state and start at 1."""
 
     def __init__(self, features: int, actions: int, generator: torch.Generator) -> None:
         super().__init__()
@@ -153,14 +153,14 @@ class GaussianHead(nn.Module):
 
 
 def policy_head(features: int, action_space: spaces.Space[Any], generator: torch.Generator) -> Head:
-    """The head for this action space."""
+    """Return the head for this action space."""
     match action_space:
         case spaces.Discrete(n=count, start=0):
             return CategoricalHead(features, int(count), generator)
         case spaces.Box(shape=(size,)):
             return GaussianHead(features, size, generator)
         case _:
-            raise ValueError(f"No policy for actions in {action_space}: need Discrete (from 0) or a flat Box.")
+            raise ValueError(f"action_space is {action_space}; it must be Discrete (from 0) or a flat Box.")
 
 
 # --------------------------------------------------------------------------------------------- trunks
@@ -170,13 +170,13 @@ GRID_UNITS = 512
 
 
 def grid_trunk(height: int, width: int, frames: int, generator: torch.Generator) -> nn.Sequential:
-    """The grid network of appendix D.3 up to its last hidden layer, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
+    """Return the grid network of appendix D.3 without its heads, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
     convolutions, features = grid_convolutions(height, width, frames, generator)
     return nn.Sequential(*convolutions, linear(features, GRID_UNITS, CRELU_GAIN, generator), CReLU())
 
 
 class CReLU(nn.Module):
-    """Both rectified signs of every unit (Shang et al. 2016): one of the two always has a gradient."""
+    """Concatenated ReLU (Shang et al. 2016): ReLU of x and of -x, so that one of the two has a gradient."""
 
     def forward(self, responses: Tensor) -> Tensor:
         """`[B, F]` -> `[B, 2 F]`."""
@@ -184,7 +184,7 @@ class CReLU(nn.Module):
 
 
 def grid_convolutions(height: int, width: int, frames: int, generator: torch.Generator) -> tuple[list[nn.Module], int]:
-    """The three convolutions of appendix D.3 on encoded cells, and how many features `[B, F]` come of them."""
+    """Return the scaling of cells and the three convolutions of appendix D.3, and their number of features."""
     cells = ScaledCells(frames)
     convolutions = CReLUConvolutions(cells.channels, GRID_CHANNELS, CRELU_GAIN, generator)
     return [cells, convolutions], height * width * 2 * GRID_CHANNELS[-1]
@@ -202,7 +202,7 @@ def mlp_trunk(inputs: int, layers: int, units: int, generator: torch.Generator) 
 
 
 class ScaledCells(nn.Module):
-    """Grid cells with each of type, colour and state divided by its largest value; of several frames, one by one."""
+    """Divides each of type, colour and state of a grid cell by its largest value, frame by frame."""
 
     def __init__(self, frames: int = 1) -> None:
         super().__init__()

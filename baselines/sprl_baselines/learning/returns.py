@@ -1,4 +1,4 @@
-"""Advantages: what an action was worth beyond the value of its state (generalised advantage estimation)."""
+"""Generalised advantage estimation (Schulman et al. 2016)."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ def generalized_advantages(
     gae_lambda: float,
     bootstrap_on_truncation: bool = False,
 ) -> Tensor:
-    """Generalised advantage estimates, `[T, N]` (Schulman et al. 2016, equation 16).
+    """Return advantage estimates, `[T, N]` (equation 16).
 
-    The sum over later steps stops at both kinds of ending. They differ in the last step's own error: after a
-    termination nothing follows; after a truncation the successor still has a value, which counts only on request.
+    The sum over later steps stops at both kinds of endings. The successor of a termination has value 0; the successor
+    of a truncation has value 0 too, unless `bootstrap_on_truncation` is set.
 
     Args:
-        rewards: rewards to learn from, `[T, N]`.
-        values: value of the observation acted on, `[T, N]`.
-        next_values: value of each transition's true successor, `[T, N]`; not used where nothing follows.
-        terminated: whether the task ended with this transition, `[T, N]` bool.
-        truncated: whether a time limit cut the episode after this transition, `[T, N]` bool.
-        gamma: discount per env step.
-        gae_lambda: 0 for one-step errors, 1 for whole returns.
-        bootstrap_on_truncation: False treats a cut episode as ended, as the paper does (appendix D.1);
-            True values what would have followed.
+        rewards: Rewards to learn from, `[T, N]`.
+        values: Values of the observations, `[T, N]`.
+        next_values: Values of the true successors, `[T, N]`.
+        terminated: Whether the task ended with this step, `[T, N]` bool.
+        truncated: Whether a time limit ended the episode with this step, `[T, N]` bool.
+        gamma: Discount per env step.
+        gae_lambda: 0 for one-step errors, 1 for full returns.
+        bootstrap_on_truncation: False treats truncation as termination, as the paper does (appendix D.1). True uses
+            the value of the successor.
     """
     ended = terminated | truncated
     valueless = terminated if bootstrap_on_truncation else ended
@@ -44,13 +44,13 @@ def generalized_advantages(
 
 
 def successor_values(values: Tensor, last_values: Tensor, ended: Tensor, final_values: Tensor) -> Tensor:
-    """Value of each transition's true successor, `[T, N]`.
+    """Return the values of the true successors, `[T, N]`.
 
     Args:
-        values: value of the observation acted on, `[T, N]`.
-        last_values: value of the observations after the last step, `[N]`.
-        ended: whether an episode ended with this transition, `[T, N]` bool.
-        final_values: values of the E observations that ended an episode, `[E]`, step by step, sub-env by sub-env.
+        values: Values of the observations, `[T, N]`.
+        last_values: Values of the observations after the last step, `[N]`.
+        ended: Whether an episode ended with this step, `[T, N]` bool.
+        final_values: Values of the E observations that ended an episode, `[E]`, step by step, sub-env by sub-env.
     """
     following = torch.cat((values[1:], last_values.unsqueeze(0)))
     following[ended] = final_values

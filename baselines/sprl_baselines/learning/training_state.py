@@ -1,4 +1,4 @@
-"""What training a network depends on, as one plain state: parameters, optimizer moments and a generator."""
+"""The training state of a network: parameters, the optimizer's moments and a generator's state."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from torch.optim import Optimizer
 
 
 def saved(network: nn.Module, optimizer: Optimizer, generator: torch.Generator) -> dict[str, Any]:
-    """Return the state of all three, copied."""
+    """Return copies of the states of all three."""
     moments = optimizer.state_dict()["state"]
     return {
         "network": {name: value.clone() for name, value in network.state_dict().items()},
@@ -37,11 +37,11 @@ def load_weights(network: nn.Module, weights: Mapping[str, Tensor]) -> None:
 
 
 def restore(network: nn.Module, optimizer: Optimizer, generator: torch.Generator, state: Mapping[str, Any]) -> None:
-    """Put all three back into such a state; the optimizer keeps its own settings."""
+    """Restore such a state of all three; the optimizer keeps its own settings."""
     network.load_state_dict(state["network"])
     groups = optimizer.state_dict()["param_groups"]
     moments = {
-        int(index): {name: value.clone() for name, value in moment.items()}  # Adam would go on in the state's own
+        int(index): {name: value.clone() for name, value in moment.items()}  # Adam would change the state's own tensors
         for index, moment in state["optimizer"].items()
     }
     optimizer.load_state_dict({"state": moments, "param_groups": groups})

@@ -1,4 +1,4 @@
-"""Named settings of the agents, domain by domain: what differs from the defaults or between a domain's agents."""
+"""Presets: named hyperparameters of the agents for each domain, where they differ from the defaults."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ DOMAINS = {"atari": atari.PRESETS, "dmlab": dmlab.PRESETS, "fetch": fetch.PRESET
 
 
 def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
-    """Return what the named preset changes for an agent in a domain: nothing for an agent that has no preset at all.
+    """Return the hyperparameters that a preset changes for an agent; none for an agent without any presets.
 
     Raises:
-        ValueError: The domain or the preset is unknown, or the agent has presets, but not this one.
+        ValueError: The domain or the preset is unknown, or the agent only has other presets.
     """
     if domain not in DOMAINS:
         raise ValueError(unknown("domain", domain, DOMAINS))
@@ -26,12 +26,12 @@ def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
         raise ValueError(unknown(f"preset of domain {domain!r}:", name, presets))
     if agent not in presets[name] and agent in _agents():
         raise ValueError(
-            f"Agent {agent!r} has no settings for domain {domain!r} (preset {name!r}); "
-            f"those that have: {', '.join(presets[name])}."
+            f"agent is {agent!r}; it must be one with the preset {name!r} of domain {domain!r}: "
+            f"{', '.join(presets[name])}."
         )
     return presets[name].get(agent, {})
 
 
 def _agents() -> set[str]:
-    """Return the agents that have a preset in some domain."""
+    """Return the agents that have a preset in any domain."""
     return {agent for presets in DOMAINS.values() for settings in presets.values() for agent in settings}

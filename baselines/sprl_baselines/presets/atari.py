@@ -1,4 +1,4 @@
-"""Settings for Atari (appendix F), for whoever brings the environments and a network for them."""
+"""Presets for Atari (appendix F). The environments and a network for them are not included."""
 
 from __future__ import annotations
 
@@ -7,16 +7,19 @@ from typing import Any
 
 from sprl_baselines.presets.dmlab import FRAME
 
-COMMON: Mapping[str, Any] = {**FRAME, "learning_rate": 0.0005}  # Table 4; it is silent on the frame
+COMMON: Mapping[str, Any] = {
+    **FRAME,
+    "learning_rate": 0.0005,
+}  # Table 4; FRAME is not in the paper
 NETWORK: Mapping[str, Any] = {
     "k": 12,
     "negative_bias": 80,
     "replay_size": 30_000,
-    "max_pairs": 30_000,  # as in the settings that the authors published
-    "embedding_units": 512,  # appendix E.4, to which F.4 refers
+    "max_pairs": 30_000,  # from the settings that the authors published
+    "embedding_units": 512,  # appendix E.4, cited by F.4
     "head_layers": 3,
     "head_units": 512,
-    "later_from": 1_000_000,  # appendix F.3, as all that follows
+    "later_from": 1_000_000,  # appendix F.3, like the settings below
     "train_every_later": 150_000,
     "weight_decay": 0.03,
     "label_smoothing": 0.1,

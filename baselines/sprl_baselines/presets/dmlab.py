@@ -1,7 +1,7 @@
-"""Settings for DeepMind Lab, for whoever brings the environments and a network for them.
+"""Presets for DeepMind Lab. The environments and a network for them are not included.
 
-SPRL's are Table 2's. Those of the others, which appendix E.4 takes from Savinov et al. (2019), and PPO's frame are in
-the settings that the authors published.
+SPRL's hyperparameters are those of Table 2. Appendix E.4 takes the other agents' from Savinov et al. (2019); they and
+the other settings of PPO are from the settings that the authors published.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from typing import Any
 FRAME: Mapping[str, Any] = {"clip_range": 0.1, "rollout_length": 256}
 SAVINOV: Mapping[str, Any] = {**FRAME, "learning_rate": 0.00025}
 NETWORK: Mapping[str, Any] = {
-    "max_pairs": 30_000,  # as in the settings that the authors published
-    "embedding_units": 512,  # appendix E.4: branches that end in 512 units, and three layers of 512
+    "max_pairs": 30_000,  # from the settings that the authors published
+    "embedding_units": 512,  # appendix E.4: 512 units for each state, then three layers of 512
     "head_layers": 3,
     "head_units": 512,
-    "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M, 12K for another, then 36K
+    "later_from": 1_000_000,  # appendix E.3: every 6K steps for 1M steps, every 12K for another 1M, then every 36K
     "last_from": 2_000_000,
 }
 TABLE: Mapping[str, Mapping[str, Any]] = {
@@ -34,7 +34,7 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     "sprl": {
         **FRAME,
         **NETWORK,
-        "max_grad_norm": 10.0,  # as in the settings that the authors published, for SPRL alone
+        "max_grad_norm": 10.0,  # from the settings that the authors published, for SPRL only
         "learning_rate": 0.0003,
         "entropy_coefficient": 0.004,
         "k": 10,

@@ -1,18 +1,18 @@
-"""Settings for the Fetch tasks (appendix G)."""
+"""Presets for the Fetch tasks (appendix G)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-# Of PPO's frame, about which the paper is silent, what differs from that of the grids.
+# Settings of PPO that the paper does not give, where they differ from those of the grids.
 FRAME: Mapping[str, Any] = {
     "rollout_length": 256,
     "anneal_clip_range": False,
     "anneal_learning_rate": False,
     "normalize_observations": True,
 }
-# Table 5's final values, and G.3's normalisation of rewards. The table has no GT-Grid, as there are no cells.
+# Table 5's final values, and the reward normalisation of appendix G.3. There is no GT-Grid without cells.
 COMMON: Mapping[str, Any] = {
     **FRAME,
     "learning_rate": 0.0005,
@@ -25,7 +25,7 @@ NETWORK: Mapping[str, Any] = {
     "negative_bias": 12,
     "bias": 1.0,
     "replay_size": 30_000,  # appendix B.1
-    "max_pairs": 30_000,  # as in the settings that the authors published
+    "max_pairs": 30_000,  # from the settings that the authors published
     "accuracy_pairs": 7_500,  # appendix B.1
     "head_layers": 4,  # appendix G.4
     "head_units": 512,  # appendix G.4

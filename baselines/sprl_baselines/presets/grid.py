@@ -1,11 +1,11 @@
-"""Settings for the grid worlds (appendix D.3)."""
+"""Presets for the grid worlds (appendix D.3)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-# Table 1's final values are the defaults, but for SPRL's learning rate.
+# Table 1's final values are the defaults, except SPRL's learning rate.
 SPRL: Mapping[str, Any] = {"learning_rate": 0.01}
 TABLE: Mapping[str, Mapping[str, Any]] = {
     "count": {},
@@ -18,11 +18,11 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     "sprl": SPRL,
 }
 
-# What appendix A.1 and A.2 found best, against Table 1: a single stretch, k + 25 steps long.
+# The best values of appendices A.1 and A.2, which differ from Table 1: one path length, k + 25.
 LONGER: Mapping[str, Any] = {**SPRL, "k": 5, "tolerance": 25, "tolerance_samples": 1}
 ABLATION: Mapping[str, Mapping[str, Any]] = {"gt-sprl": LONGER, "sprl": LONGER}
 
-# What a declared sweep of four settings an agent took (docs/agents-sweep.md); the rest is the defaults'.
+# The winners of a sweep of four settings for each agent (`notes/agents-sweep.md`).
 TUNED: Mapping[str, Mapping[str, Any]] = {
     "eco": {"bonus_weight": 0.005},
     "gt-grid": {"bonus_weight": 0.03},

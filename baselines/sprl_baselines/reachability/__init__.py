@@ -1,8 +1,8 @@
-"""Reachability: whether one state leads to another within k steps, learned from experience or searched for exactly.
+"""Reachability: whether one state leads to another within k steps, learned from experience or by exact search.
 
-SPRL prices steps by it and ECO tells new from known by it. `replay.py` keeps what was seen, `triplets.py` draws from it
-what to learn from (Algorithm 1), `network.py` is the function, `learned.py` trains it on a schedule and says when it
-may be trusted, `ground_truth.py` needs none of these (appendix B.2), and `pairs.py` asks either about many pairs.
+SPRL and ECO use it. `replay.py` stores recent states, `triplets.py` draws training pairs from them (Algorithm 1),
+`network.py` is the network, `learned.py` trains it on a schedule and decides when it is ready, `ground_truth.py` is the
+exact search (appendix B.2), and `pairs.py` holds the interface of both.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The ground-truth reachability network on grid worlds (appendix B.2): exact search on the full state.
+"""Ground-truth reachability on grid worlds (appendix B.2): exact search on the full state.
 
-Nothing is learned, so it removes the network's errors from the question of what the constraint itself does. A state
-reaches itself: standing still is no progress.
+It shows the effect of the constraint without the errors of a learned network. A state reaches itself in 0 steps, so a
+step that changes nothing counts as a violation.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class GroundTruth:
     """Whether some sequence of at most k actions leads from one state to another.
 
     Args:
-        observation_space: Of one sub-env; it must be a grid world's.
+        observation_space: Space of one sub-env: square grids.
         k: Steps.
 
     Raises:
-        ValueError: The observations are no grids, so there is no full state to search.
+        ValueError: The observations are not square grids.
     """
 
     privileged: ClassVar[bool] = True
@@ -38,7 +38,7 @@ class GroundTruth:
         self._k = k
 
     def judge_of(self, states: Tensor) -> Judge:
-        """Return what searches from one of D states `[D, S, S, 3]` to another, as 0 or 1."""
+        """Return a judge of pairs of D states `[D, S, S, 3]`; its answers are 0 or 1."""
         grids = states.cpu().numpy()
 
         def judge(earlier: Tensor, later: Tensor) -> Tensor:
@@ -47,13 +47,13 @@ class GroundTruth:
 
         return judge
 
-    def update(self, rollout: Rollout) -> Mapping[str, float]:  # noqa: ARG002 - the truth does not change
-        """Learn nothing."""
+    def update(self, rollout: Rollout) -> Mapping[str, float]:  # noqa: ARG002 - there is nothing to train
+        """Train nothing."""
         return {}
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return nothing, as nothing is learned."""
+        """Return an empty state."""
         return {}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take nothing."""
+        """Restore nothing."""

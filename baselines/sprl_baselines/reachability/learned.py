@@ -1,4 +1,4 @@
-"""Reachability learned from the agent's own experience: when to train, on what, and from when on to trust it."""
+"""Reachability learned from the agent's own experience: training data, schedule and readiness."""
 
 from __future__ import annotations
 
@@ -21,13 +21,12 @@ from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scat
 
 
 class LearnedReachability:
-    """A network trained on triplets of a replay (appendix E.3).
+    """A network trained on triplets from a replay (appendix E.3).
 
-    Its accuracy is measured as in appendix B.1, on the steps that have come in since the last training: before the
-    network learns from them.
+    Its accuracy is measured as in appendix B.1, on the steps since the last training, before it is trained on them.
 
     Raises:
-        ValueError: There is no network for the observations, or the replay is too short to hold a negative.
+        ValueError: There is no network for the observations, or the replay is too small for a negative.
     """
 
     privileged: ClassVar[bool] = False
@@ -38,8 +37,8 @@ class LearnedReachability:
         nearest, _ = self._ranges.negative
         if self._replay.capacity <= nearest:
             raise ValueError(
-                f"Hyperparameter replay_size={config.replay_size} must be more than {nearest * setting.num_envs}, "
-                f"num_envs times the {nearest} steps to the nearest negative: else there are none."
+                f"Hyperparameter replay_size is {config.replay_size}; it must be more than "
+                f"{nearest * setting.num_envs}, num_envs times the {nearest} steps to the nearest negative."
             )
         self.config = config
         self._device = setting.device
@@ -61,15 +60,15 @@ class LearnedReachability:
         self._ready = False
         self._steps = 0  # env steps seen
         self._trained_at = 0  # env steps seen when training was last due
-        self._fresh_rows = 0  # rows of the replay that have come in since
+        self._fresh_rows = 0  # rows added to the replay since then
 
     @property
     def ready(self) -> bool:
-        """Whether the mean accuracy of so many trainings was once high enough."""
+        """Whether the mean accuracy of the last `ready_trainings` trainings has once exceeded `ready_accuracy`."""
         return self._ready
 
     def judge_of(self, states: Tensor) -> Judge:
-        """Look at D states `[D, ...]` once, and return what judges pairs of them."""
+        """Embed D states `[D, ...]` once, and return a judge of pairs of them."""
         with torch.inference_mode():
             compare = self.network(states)
 
@@ -81,7 +80,7 @@ class LearnedReachability:
         return judge
 
     def update(self, rollout: Rollout) -> dict[str, float]:
-        """Remember the rollout, and train where a training is due."""
+        """Add the rollout to the replay, and train if a training is due."""
         self._replay.append(rollout.observations, rollout.cuts)
         self._steps += rollout.num_steps
         self._fresh_rows += len(rollout.rewards)
@@ -94,7 +93,7 @@ class LearnedReachability:
         return {**accuracy, **self._train(triplets), "reachability_ready": float(self._ready)}
 
     def _interval(self) -> int:
-        """Return the env steps between two trainings at this time."""
+        """Return the current number of env steps between two trainings."""
         config = self.config
         if config.last_from and self._steps > config.last_from:
             return config.train_every_last
@@ -103,14 +102,14 @@ class LearnedReachability:
         return config.train_every
 
     def _draw(self) -> Triplets:
-        """Draw triplets from the whole replay, in random order, and no more than a training takes."""
+        """Draw triplets from the whole replay, in random order, at most `max_pairs` pairs."""
         config, segments = self.config, self._replay.segments()
         triplets = walk(segments, self._ranges, config.positive_bias, self._generator)
         order = torch.randperm(len(triplets.anchors), generator=self._generator)
         return triplets.take(order[: config.max_pairs // 2])
 
     def _train(self, triplets: Triplets) -> dict[str, float]:
-        """Go through the triplets once; do nothing where they do not fill a batch."""
+        """Train on all triplets once; do nothing if there are too few for a batch."""
         batches = list(self._batches(triplets))
         count = float(len(triplets.anchors))
         if not batches:
@@ -129,13 +128,13 @@ class LearnedReachability:
         }
 
     def _batches(self, triplets: Triplets) -> Iterator[Triplets]:
-        """Cut triplets into whole batches; the rest is left out, as a few pairs would upset batch normalisation."""
+        """Yield full batches. The rest is left out, because batch normalisation needs enough pairs."""
         size = self.config.pair_batch // 2
         for start in range(0, len(triplets.anchors) - size + 1, size):
             yield triplets.take(torch.arange(start, start + size))
 
     def _gradient_step(self, batch: Triplets) -> Tensor:
-        """Take one step on a batch, and return its loss and accuracy."""
+        """Take a gradient step on a batch; return its loss and accuracy, `[2]`."""
         logits, labels = self._logits(batch)
         smoothing = self.config.label_smoothing
         loss = binary_cross_entropy_with_logits(logits, labels * (1 - smoothing) + smoothing / 2)
@@ -145,19 +144,19 @@ class LearnedReachability:
         return torch.stack((loss.detach(), _share_right(logits, labels)))
 
     def _logits(self, triplets: Triplets) -> tuple[Tensor, Tensor]:
-        """Judge the pairs (anchor, positive) and (anchor, negative): logits and labels, `[2 P]` each."""
+        """Return logits and labels, `[2 P]` each, of the pairs (anchor, positive) and (anchor, negative)."""
         states, (anchors, positives, negatives) = self._states(triplets)
         compare = self.network(states)
         logits = compare(torch.cat((anchors, anchors)), torch.cat((positives, negatives)))
         return logits, (torch.arange(len(logits), device=logits.device) < len(anchors)).float()
 
     def _states(self, triplets: Triplets) -> tuple[Tensor, Triplets]:
-        """Return the D states that triplets name, each place once, `[D, ...]`, and the triplets as indices of these."""
+        """Return the D states at the triplets' places, `[D, ...]`, and the triplets as indices of these."""
         places, indices = torch.cat(triplets).unique(return_inverse=True)  # type: ignore[no-untyped-call] # torch has no types there
         return self._replay.take(places), Triplets(*indices.to(self._device).chunk(3))
 
     def _held_out_accuracy(self) -> dict[str, float]:
-        """Measure the share of right answers on steps not yet trained on; nothing where they hold no such pairs."""
+        """Return the accuracy on steps not yet trained on, or no metric if they have no pairs to judge."""
         ranges = accuracy_ranges(self.config.k, self.config.tolerance, self.config.negative_bias)
         triplets = scatter(
             self._replay.segments(newest=self._fresh_rows), ranges, self.config.accuracy_pairs, self._generator
@@ -170,7 +169,7 @@ class LearnedReachability:
         return {"reachability_accuracy": float(right.float().mean())}
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the network, how it learns, what it remembers, and whether it is ready."""
+        """Return the network, its optimizer, the replay and the readiness."""
         return {
             **saved(self.network, self._optimizer, self._generator),
             "replay": self._replay.state_dict(),
@@ -182,7 +181,7 @@ class LearnedReachability:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
         restore(self.network, self._optimizer, self._generator, state)
         self._replay.load_state_dict(state["replay"], self._device)
         self._accuracies.clear()
@@ -193,12 +192,12 @@ class LearnedReachability:
 
 
 def _share_right(logits: Tensor, labels: Tensor) -> Tensor:
-    """Return the share of pairs whose answer, yes where the logit is positive, is right."""
+    """Return the accuracy; a positive logit means reachable."""
     return ((logits.detach() > 0) == (labels > 0.5)).float().mean()
 
 
 def _decaying_weights(network: nn.Module, weight_decay: float) -> list[dict[str, Any]]:
-    """Return all parameters, those apart that decay: not biases, nor the scales of batch normalisation."""
+    """Return two parameter groups: weights, which decay, and biases and batch normalisation, which do not."""
     matrices = [parameter for parameter in network.parameters() if parameter.ndim > 1]
     others = [parameter for parameter in network.parameters() if parameter.ndim <= 1]
     return [{"params": matrices, "weight_decay": weight_decay}, {"params": others}]

@@ -1,7 +1,7 @@
-"""The network that judges pairs: what each state looks like alone, and a head over two of them.
+"""The network that judges pairs: an embedding of each state, and a head for two embeddings.
 
 Grids: the policy's three convolutions and a fully connected layer for each state, all with CReLU (appendix D.3), then a
-head; the paper does not say what it used there. Flat observations: the head alone (appendix G.4).
+head, which the paper does not describe. Flat observations: only the head (appendix G.4).
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ Comparison = Callable[[Tensor, Tensor], Tensor]
 
 
 class ReachabilityNetwork(nn.Module):
-    """Says how likely it is that the first of two states leads to the second within k steps.
+    """Gives the probability that the first of two states leads to the second within k steps, as a logit.
 
     Args:
-        embedding: What turns B states, of the environment's dtype or differences of such, into `[B, E]`.
+        embedding: Turns B states, or differences of states, into features `[B, E]`.
         features: E.
         layers: Hidden layers of the head.
         units: Width H of each.
-        pair_input: "pair" for both states; "difference" for the later one and, in place of the earlier, its difference
-            from it, cell by cell or number by number (appendix F.4).
-        generator: Source of the initial parameters, on the CPU.
+        pair_input: "pair" for both states; "difference" for the later state and its difference from the earlier one,
+            number by number (appendix F.4).
+        generator: Generator of the initial parameters, on the CPU.
     """
 
     def __init__(
@@ -66,11 +66,11 @@ class ReachabilityNetwork(nn.Module):
         self.rest = nn.Sequential(*hidden, nn.BatchNorm1d(units), nn.ReLU(), linear(units, 1, VALUE_GAIN, generator))
 
     def forward(self, states: Tensor) -> Comparison:
-        """Look at D states `[D, ...]` once, and return what compares pairs of them."""
+        """Embed D states `[D, ...]` once, and return a function that compares pairs of them."""
         return self._differences(states) if self.difference else self._pairs(states)
 
     def _pairs(self, states: Tensor) -> Comparison:
-        """Compute the head's first layer state by state: it is linear, so a pair is a sum."""
+        """Compute the head's first layer for each state: it is linear, so a pair is a sum."""
         features = self.embedding(states)
         as_earlier, as_later = (features @ weight.T for weight in self.first.weight.chunk(2, dim=1))
 
@@ -81,7 +81,7 @@ class ReachabilityNetwork(nn.Module):
         return logits
 
     def _differences(self, states: Tensor) -> Comparison:
-        """Embed the difference of every pair anew: nothing about it is known from the states alone."""
+        """Embed the later states once, and the difference of every pair."""
         features = self.embedding(states)
 
         def logits(earlier: Tensor, later: Tensor) -> Tensor:
@@ -102,10 +102,10 @@ def reachability_network(
     units: int,
     pair_input: str,
 ) -> ReachabilityNetwork:
-    """Return the network for observations of one sub-env: a grid's, or a flat `Box`.
+    """Return the network for observations of one sub-env: grids, or a flat `Box`.
 
     Raises:
-        ValueError: There is no network for such observations.
+        ValueError: There is no network for these observations.
     """
     if grid := grid_shape(observation_space):
         convolutions, features = grid_convolutions(*grid, generator)
@@ -115,7 +115,5 @@ def reachability_network(
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         embedding, size = nn.Sequential(view), observation_space.shape[0]
     else:
-        raise ValueError(
-            f"No reachability network for observations in {observation_space}: need {GRIDS} or a flat Box."
-        )
+        raise ValueError(f"observation_space is {observation_space}; it must be {GRIDS} or a flat Box.")
     return ReachabilityNetwork(embedding, size, layers=layers, units=units, pair_input=pair_input, generator=generator)

@@ -1,4 +1,4 @@
-"""Judging many pairs of states: each distinct state is looked at once, and each distinct pair judged once."""
+"""The interface of reachability, and judging many pairs: each distinct state and pair is computed once."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from torch import Tensor
 from sprl_baselines.learning.rollout import Rollout, Rows, compute_once
 
 Judge = Callable[[Tensor, Tensor], Tensor]
-"""Takes indices `[P]` of earlier and of later states; returns how likely one leads to the other, `[P]` in [0, 1]."""
+"""Takes indices `[P]` of earlier and of later states; returns the probabilities of reachability, `[P]`."""
 
 
 class Reachability(Protocol):
-    """Says whether one state leads to another within k steps. The order matters: some steps cannot be undone."""
+    """Judges whether one state leads to another within k steps. The order matters: some steps cannot be undone."""
 
-    privileged: ClassVar[bool]  # whether it sees what an ordinary agent does not
+    privileged: ClassVar[bool]  # whether it uses more than observations and rewards
 
     @property
     def ready(self) -> bool:
-        """Whether it may be trusted yet; once true, always true."""
+        """Whether its answers are accurate enough to use; once true, always true."""
 
     def judge_of(self, states: Tensor) -> Judge:
-        """Look at D states `[D, ...]` once, and return what judges pairs of them."""
+        """Embed D states `[D, ...]` once, and return a judge of pairs of them."""
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
-        """Learn from a rollout, if there is anything to learn, and return metrics."""
+        """Train on a rollout, if there is anything to train, and return metrics."""
 
     def state_dict(self) -> Mapping[str, Any]:
-        """Return all that later judgements depend on."""
+        """Return everything that later answers depend on."""
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state."""
+        """Restore such a state."""
 
 
 def judge_pairs(reachability: Reachability, states: Rows) -> Judge:

@@ -1,4 +1,4 @@
-"""What the sub-envs showed lately, first in, first out, and where one stretch of it ends and another begins."""
+"""The most recent states of all sub-envs, first in, first out, and the stretches between rewards and endings."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from torch import Tensor
 
 
 class Segments(NamedTuple):
-    """S stretches of successive states without an ending or a reward between them, as places in a replay."""
+    """S stretches of successive states, without a reward or the end of an episode between them."""
 
-    starts: Tensor  # [S] int64, place of the first state
-    lengths: Tensor  # [S] int64, how many states
+    starts: Tensor  # [S] int64, place of the first state in the replay
+    lengths: Tensor  # [S] int64, number of states
 
 
 class Replay:
@@ -34,11 +34,11 @@ class Replay:
         self._cuts = torch.zeros(self.capacity, num_envs, dtype=torch.bool)  # [R, N], on the CPU
 
     def append(self, states: Tensor, cuts: Tensor) -> None:
-        """Take in T more steps, and let go of the oldest.
+        """Add T more steps, and drop the oldest.
 
         Args:
-            states: What was acted on, `[T, N, ...]`.
-            cuts: Whether the step from it ended an episode or was rewarded, `[T, N]` bool.
+            states: The observations acted on, `[T, N, ...]`.
+            cuts: Whether the step from there ended an episode or was rewarded, `[T, N]` bool.
         """
         if not len(self._states):
             self._states = states.new_zeros(self.capacity, *states.shape[1:])
@@ -56,12 +56,12 @@ class Replay:
         return self._states[rows.to(device), envs.to(device)]
 
     def _in_ring(self, rows: Tensor) -> Tensor:
-        """Return where rows, counted from the oldest, lie in the ring."""
+        """Return the positions in the ring of rows counted from the oldest."""
         oldest = self._next if self.rows == self.capacity else 0
         return (oldest + rows) % self.capacity
 
     def segments(self, newest: int | None = None) -> Segments:
-        """Return all stretches, oldest first within a sub-env; of the newest rows alone if a number is given."""
+        """Return all stretches, oldest first in each sub-env; with `newest`, only those in that many newest rows."""
         first = 0 if newest is None else max(self.rows - newest, 0)
         cuts = self._cuts[self._in_ring(torch.arange(self.rows))]
         cuts[-1] = True
@@ -76,6 +76,6 @@ class Replay:
         return {"states": self._states.clone(), "cuts": self._cuts.clone(), "rows": self.rows, "next": self._next}
 
     def load_state_dict(self, state: Mapping[str, Any], device: torch.device) -> None:
-        """Take such states, to where they are used, and cuts."""
+        """Restore such states, on `device`, and cuts."""
         self._states, self._cuts = state["states"].to(device, copy=True), state["cuts"].cpu().clone()
         self.rows, self._next = int(state["rows"]), int(state["next"])

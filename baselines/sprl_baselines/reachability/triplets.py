@@ -1,6 +1,7 @@
-"""Which states to learn from: an anchor, one soon after it, one long after it (Algorithm 1).
+"""Training triplets: an anchor, a state soon after it (positive) and a state long after it (negative) (Algorithm 1).
 
-Every anchor needs a negative, or short episodes would leave positives alone and the network could say yes to all.
+Every anchor needs a negative. Otherwise short episodes would give only positives, and the network could learn to always
+answer "reachable".
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class Triplets(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """How many steps after its anchor a positive or a negative may lie, both ends included."""
+    """The distances of positives and negatives from their anchor, in steps, both ends included."""
 
     positive: tuple[int, int]
     negative: tuple[int, int]
@@ -37,15 +38,14 @@ UNLIMITED = 2**40
 
 
 def training_ranges(k: int, tolerance: int, negative_bias: int, negatives: str) -> Ranges:
-    """Return what training draws from.
+    """Return the ranges of training triplets.
 
     Args:
         k: Steps within which a state counts as reached.
-        tolerance: Further steps that are let pass.
-        negative_bias: Further steps that part negatives from positives.
-        negatives: How far they may lie: from k + `negative_bias` to the end of the "episode" (Algorithm 1); or, as
-            where accuracy is measured, from k + `tolerance` + the bias to k + `tolerance` + "double" the bias (appendix
-            B.1).
+        tolerance: Further steps that are tolerated.
+        negative_bias: Further steps between positives and negatives.
+        negatives: "episode" draws from k + `negative_bias` to the end of the episode (Algorithm 1); "double" draws from
+            the range on which accuracy is measured (appendix B.1).
     """
     if negatives == "double":
         return Ranges((1, k), accuracy_ranges(k, tolerance, negative_bias).negative)
@@ -53,19 +53,19 @@ def training_ranges(k: int, tolerance: int, negative_bias: int, negatives: str) 
 
 
 def accuracy_ranges(k: int, tolerance: int, negative_bias: int) -> Ranges:
-    """Return what accuracy is measured on (appendix B.1)."""
+    """Return the ranges on which accuracy is measured (appendix B.1)."""
     reach = k + tolerance
     return Ranges((1, reach), (reach + negative_bias, reach + 2 * negative_bias))
 
 
 def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Triplets:
-    """Draw triplets along all stretches at once.
+    """Draw triplets along all stretches at once (Algorithm 1).
 
     Args:
         segments: The stretches.
-        ranges: Where positives and negatives lie.
-        positive_bias: The next anchor lies 1 to so many steps after the positive.
-        generator: What draws.
+        ranges: The distances of positives and negatives.
+        positive_bias: The next anchor lies 1 to this many steps after the positive.
+        generator: Random generator, on the CPU.
     """
     starts, lengths = segments
     anchors, drawn = torch.zeros_like(lengths), []
@@ -80,7 +80,7 @@ def walk(segments: Segments, ranges: Ranges, positive_bias: int, generator: torc
 
 
 def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Generator) -> Triplets:
-    """Draw `count` triplets whose anchors are uniform over all states with room for a negative, if there are any."""
+    """Draw `count` triplets with anchors uniform over all states that have a negative; none if there are none."""
     room = (segments.lengths - ranges.negative[0]).clamp(min=0)  # [S] anchors in each
     before = room.cumsum(0) - room
     total = int(room.sum())
@@ -92,7 +92,7 @@ def scatter(segments: Segments, ranges: Ranges, count: int, generator: torch.Gen
 
 
 def _around(starts: Tensor, lengths: Tensor, anchors: Tensor, ranges: Ranges, generator: torch.Generator) -> Triplets:
-    """Draw a positive and a negative for each anchor that has room for both."""
+    """Draw a positive and a negative for each anchor."""
     nearest, furthest = ranges.positive
     positives = _uniform(anchors + nearest, anchors + furthest, generator)
     least, most = ranges.negative
@@ -101,6 +101,6 @@ def _around(starts: Tensor, lengths: Tensor, anchors: Tensor, ranges: Ranges, ge
 
 
 def _uniform(low: Tensor, high: Tensor, generator: torch.Generator) -> Tensor:
-    """Draw whole numbers between bounds `[B]`, both included, as int64."""
+    """Draw integers between bounds `[B]`, both included, as int64."""
     shares = torch.rand(len(low), generator=generator, dtype=torch.float64)
     return low.long() + (shares * (high - low + 1)).long()

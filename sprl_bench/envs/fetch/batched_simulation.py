@@ -1,11 +1,11 @@
-"""N simulations of one Fetch task on MuJoCo's batch: what upstream computes one by one, bit for bit.
+"""N simulations of one Fetch task on MuJoCo's batch, bit-identical to single Gymnasium-Robotics simulations.
 
-Upstream's observation mixes two moments. After an action it closes the fingers and computes everything anew (Reach,
-Push, Slide), or leaves the positions as the last substep found them, one substep older than the velocities
-(PickAndPlace, whose next action then starts from the older position, too). Both are reproduced.
+After an action, Gymnasium-Robotics ("upstream") closes the fingers and computes everything again in Reach, Push and
+Slide. In PickAndPlace it does not: the observed positions are one substep older than the velocities, and the next
+action starts from the older position. Both are reproduced here.
 
-Only positions are needed for an observation, so the forward pass stops before forces, with contacts and constraints
-switched off around it; neither changes a position.
+An observation only needs positions. So the forward pass stops before forces, without contacts and constraints; neither
+changes a position.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from sprl_bench.envs.fetch.starts import Starts
 
 try:
     from mujoco.batch import Batch
-except ImportError as error:  # a MuJoCo before 3.17
+except ImportError as error:  # MuJoCo before 3.17
     raise ImportError(
-        f"The batched Fetch engine needs mujoco 3.17, got {mujoco.__version__}; "
-        "gymnasium.make_vec(..., vectorization_mode='sync') works without."
+        f"mujoco is {mujoco.__version__}; it must be at least 3.17 for the batched Fetch engine. "
+        "gymnasium.make_vec(..., vectorization_mode='sync') works with older versions."
     ) from error
 
 Floats = NDArray[np.float64]
@@ -35,32 +35,32 @@ Rows = NDArray[np.int64]
 
 _POSITIONS: Final = int(mujoco.mjtStage.mjSTAGE_POS)
 _KINEMATICS_ONLY: Final = int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-_COUNT: Final = 1  # of the two numbers that a batch keeps of a warning, the one that counts it
-_ROTATION: Final = np.array([1.0, 0.0, 1.0, 0.0])  # added to the orientation of the mocap by every action
+_COUNT: Final = 1  # index of the count among the two numbers of a warning
+_ROTATION: Final = np.array([1.0, 0.0, 1.0, 0.0])  # every action adds this to the orientation of the mocap body
 _DISPLACEMENT: Final = 0.05  # metres for an action of 1
 
 
 class BatchedSimulation:
-    """The simulations, as rows of arrays.
+    """N simulations, as rows of arrays.
 
     Args:
-        task: ``"Reach"``, ``"Push"``, ``"Slide"`` or ``"PickAndPlace"``.
+        task: `"Reach"`, `"Push"`, `"Slide"` or `"PickAndPlace"`.
         substep: Simulation steps for each action.
         size: Number of simulations N.
         num_threads: Threads that share the work.
 
     Attributes:
         rows: The state of each simulation as MuJoCo saves it, [N, S].
-        positions: Where the welded body was last computed to be, [N, 3].
-        orientations: How it was turned, as quaternions [N, 4].
-        threshold: The distance at which a goal is reached, in metres.
+        positions: Position of the welded body when it was last computed, [N, 3].
+        orientations: Its orientation then, quaternions [N, 4].
+        threshold: Distance within which a goal is reached, in metres.
     """
 
     def __init__(self, task: str, substep: int, size: int, num_threads: int) -> None:
         self._arguments = (task, substep, size, num_threads)
         reference = new_simulation(task, substep)
         reference.np_random = np.random.default_rng(0)
-        reference.reset()  # a start like any other, but for its draws
+        reference.reset()  # all starts are equal except for the draws
         self._template = reference.save()["row"]
         self._starts = Starts.of(reference)
         self._substep = substep
@@ -73,7 +73,7 @@ class BatchedSimulation:
         self._bind(Batch(reference.model, size, nthread=num_threads))
 
     def _find(self, model: mujoco.MjModel, *, has_object: bool) -> None:
-        """Look up, once, where things are in MuJoCo's arrays."""
+        """Look up the indices in MuJoCo's arrays."""
         names = [model.joint(index).name for index in range(model.njnt)]
         gripper = [name for name in names if name.startswith("robot")][-2:]
         self._gripper_qpos = np.array([model.joint(name).qposadr[0] for name in gripper])
@@ -95,7 +95,7 @@ class BatchedSimulation:
         self._enabled = self._disabled.copy()
 
     def start(self, rows: Rows, generators: Sequence[np.random.Generator]) -> Floats:
-        """Begin an episode in the simulations ``rows``, and return their observations [n, D], goals included."""
+        """Start an episode in the simulations `rows`; return their observations with goals, [n, D]."""
         places, goals = zip(*(self._starts.draw(generators[row]) for row in rows.tolist()), strict=True)
         self.rows[rows] = self._template
         self._qpos[rows, self._object_qpos : self._object_qpos + len(places[0])] = places
@@ -104,14 +104,14 @@ class BatchedSimulation:
         return self._observations(rows, self._velocities(rows), np.stack(goals))
 
     def advance(self, rows: Rows, actions: NDArray[np.float32], goals: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Apply actions [n, 4] to the simulations ``rows``.
+        """Apply actions [n, 4] to the simulations `rows`.
 
         Returns:
-            Their observations [n, D], and which of them have diverged, bool [n]; those have no meaning any more.
+            Their observations [n, D], and which have diverged, bool [n]; the observations of these are meaningless.
         """
         self._batch.warning[rows] = 0
         self._act(rows, actions)
-        with np.errstate(all="ignore"):  # of those that diverge
+        with np.errstate(all="ignore"):  # some may diverge
             velocities = self._step_late(rows) if self._is_late else self._step(rows)
             observations = self._observations(rows, velocities, goals)
         self._remember_welded(rows)
@@ -124,14 +124,14 @@ class BatchedSimulation:
         self._mocap_quat[rows] = self.orientations[rows] + _ROTATION
 
     def _step(self, rows: Rows) -> list[Floats]:
-        """Step, close the fingers, and compute everything anew."""
+        """Step, close the fingers, and compute everything again."""
         self._batch.step(rows, nstep=self._substep)
         self._qpos[rows[:, None], self._gripper_qpos] = 0.0
         self._compute_positions(rows)
         return self._velocities(rows)
 
     def _step_late(self, rows: Rows) -> list[Floats]:
-        """Step, with positions as the last substep finds them, and velocities as it leaves them."""
+        """Step; positions are those before the last substep, velocities those after it."""
         if self._substep > 1:
             self._batch.step(rows, nstep=self._substep - 1)
         self._compute_positions(rows)
@@ -152,7 +152,7 @@ class BatchedSimulation:
         return self._times_qvel(rows, self._jacobians(rows))
 
     def _jacobians(self, rows: Rows) -> list[Floats]:
-        """Return the Jacobians [n, 3, V] of the gripper's velocity, and of the object's, linear and angular."""
+        """Return the Jacobians [n, 3, V] of the gripper's velocity and of the object's linear and angular velocity."""
         grip, *objects = (
             self._batch.jac(body, self._site_xpos[rows, site], rows)
             for body, site in zip(self._site_bodies, self._sites, strict=True)
@@ -160,7 +160,7 @@ class BatchedSimulation:
         return [grip[0], *(jacobian for pair in objects for jacobian in pair)]
 
     def _times_qvel(self, rows: Rows, jacobians: list[Floats]) -> list[Floats]:
-        """Return velocities [n, 3], in units of a reference action."""
+        """Return velocities [n, 3], per action of 20 substeps (40 ms)."""
         qvel = self._qvel[rows][:, :, None]
         return [(jacobian @ qvel)[:, :, 0] * self._seconds for jacobian in jacobians]
 
@@ -182,6 +182,6 @@ class BatchedSimulation:
         return {"arguments": self._arguments, "arrays": arrays}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(*state["arguments"])  # type: ignore[misc]  # a batch cannot be copied, but made again
+        self.__init__(*state["arguments"])  # type: ignore[misc]  # a batch cannot be copied, so this makes a new one
         for name, values in state["arrays"].items():
             getattr(self, name)[...] = values

@@ -1,4 +1,4 @@
-"""The batched Fetch engine: the single environments' MDPs, bit for bit, on MuJoCo's batch."""
+"""The batched Fetch engine: bit-identical to the single environments, on MuJoCo's batch."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ _ACHIEVED, _DESIRED = slice(-6, -3), slice(-3, None)
 
 
 class FetchEngine(BatchedEnv):
-    """N Fetch simulations, shown as flat observations.
+    """N Fetch simulations with flat observations.
 
     Args:
-        task: ``"Reach"``, ``"Push"``, ``"Slide"`` or ``"PickAndPlace"``.
+        task: `"Reach"`, `"Push"`, `"Slide"` or `"PickAndPlace"`.
         rules: The arguments that change the decision process.
         num_envs: Number of sub-environments N.
-        arguments: Those of ``BatchedEnv``.
+        arguments: The arguments of `BatchedEnv`.
     """
 
     observation = "flat"
@@ -52,7 +52,7 @@ class FetchEngine(BatchedEnv):
         self._generators = [np.random.default_rng(0)] * self.num_envs  # until they are seeded
         self._is_success = np.zeros(self.num_envs, np.bool_)
         self._diverged = np.zeros(self.num_envs, np.bool_)
-        self._stepped = np.zeros(self.num_envs, np.bool_)  # whether the last thing done was a step, not a restart
+        self._stepped = np.zeros(self.num_envs, np.bool_)  # whether the last call was a step, not a restart
         self._applied = np.zeros((self.num_envs, 4), np.float32)
 
     def _seed(self, rows: Rows, seeds: list[int]) -> None:
@@ -89,8 +89,8 @@ class FetchEngine(BatchedEnv):
     def _information(self) -> Mapping[str, Array]:
         return {"is_success": self._is_success, "applied_action": self._applied, "diverged": self._diverged}
 
-    def _infos(self, mask: Mask, rows: Rows | None = None) -> dict[str, Any]:  # noqa: ARG002 - the mask says it all
-        """Return the information of the masked sub-environments: a restart applied no action, few steps diverge."""
+    def _infos(self, mask: Mask, rows: Rows | None = None) -> dict[str, Any]:  # noqa: ARG002 - the mask is enough
+        """Return the information of the masked sub-environments; an entry that none of them has is left out."""
         has = {"is_success": mask, "applied_action": mask & self._stepped, "diverged": mask & self._diverged}
         infos: dict[str, Any] = {}
         for name, values in self._information().items():
@@ -123,10 +123,10 @@ class FetchEngine(BatchedEnv):
         return streams
 
     def set_state(self, state: Mapping[str, Array]) -> None:
-        """Continue from a state that ``get_state`` of an engine of the same id, arguments and N gave.
+        """Restore a state from `get_state` of an engine with the same id, arguments and N.
 
         Raises:
-            ValueError: The state is not one of such an engine; nothing has changed.
+            ValueError: The state is not from such an engine. No state has changed.
         """
         super().set_state(state)
         self._generators = [to_generator(stream) for stream in state["streams"]]
@@ -134,7 +134,7 @@ class FetchEngine(BatchedEnv):
     def _check_state(self, state: Mapping[str, Array]) -> None:
         for name in ("observations", "simulations", "positions", "orientations"):
             if not np.isfinite(state[name]).all():
-                raise ValueError(f"The state's {name!r} must be finite.")
+                raise ValueError(f"state[{name!r}] is not finite; it must be finite numbers.")
 
     def _generator(self, row: int) -> np.random.Generator:
         return to_generator(from_generator(self._generators[row]))
@@ -162,7 +162,7 @@ class FetchEngine(BatchedEnv):
 
 
 class GoalFetchEngine(FetchEngine):
-    """The same simulations, shown as dictionaries of observation, achieved and desired goal."""
+    """The same simulations, with dictionaries of observation, achieved and desired goal as observations."""
 
     observation = "goal"
 
@@ -203,7 +203,7 @@ def make_engine(
     render_mode: str | None = None,
     **arguments: Any,
 ) -> FetchEngine:
-    """Make the engine of a task, of the class that its kind of observation asks for.
+    """Make the engine of a task, with the class for its kind of observation.
 
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
@@ -217,7 +217,7 @@ def make_engine(
 
 
 class _EntryPoint:
-    """A function that makes the engine of one task."""
+    """A callable that makes the engine of one task."""
 
     metadata: Final = {**FetchEnv.metadata, "autoreset_mode": AutoresetMode.SAME_STEP}
 

@@ -1,7 +1,7 @@
-"""One Fetch environment: a sparse, ending task around a simulation that it holds.
+"""One Fetch environment: a sparse, episodic task around a simulation.
 
-Two classes stand behind each id, one for each kind of observation. They share everything but what an observation
-looks like, and that the goal mode can price a goal after the fact.
+Each id has two classes, one for each kind of observation. They only differ in the form of an observation, and in the
+methods that compute the reward of other goals in goal mode.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from sprl_bench.envs.fetch.simulation import Observation, new_simulation
 
 
 def is_reached(achieved: NDArray[np.float64], desired: NDArray[np.float64], threshold: float) -> NDArray[np.bool_]:
-    """Return whether the achieved goals [..., 3] are within ``threshold`` metres of the desired ones [..., 3].
+    """Return whether the achieved goals [..., 3] are within `threshold` metres of the desired ones [..., 3].
 
-    At exactly the threshold upstream pays the reward but reports no success; here the goal is reached.
+    At exactly the threshold, Gymnasium-Robotics gives the reward but reports no success; here the goal is reached.
     """
     return np.asarray(np.linalg.norm(achieved - desired, axis=-1) <= threshold)
 
 
 class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
-    """What both kinds of observation share.
+    """The base class of both kinds of observation.
 
     Args:
-        task: ``"Reach"``, ``"Push"``, ``"Slide"`` or ``"PickAndPlace"``.
+        task: `"Reach"`, `"Push"`, `"Slide"` or `"PickAndPlace"`.
         rules: The arguments that change the decision process.
-        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        render_mode: None, `"rgb_array"` or `"human"`.
     """
 
     metadata: dict[str, Any] = Rules().metadata
@@ -63,10 +63,10 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
 
     @abstractmethod
     def _shown(self, observation: Observation) -> Any:
-        """Return the simulation's observation as this environment shows it, in arrays of its own."""
+        """Return the simulation's observation in the form of this environment, in new arrays."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode; with a ``seed``, the whole stream of episodes becomes a function of it."""
+        """Start an episode. A `seed` determines this and all following episodes."""
         super().reset(seed=seed, options=options)
         self.simulation.np_random = self.np_random
         self._observation, _ = self.simulation.reset()
@@ -78,8 +78,8 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         """Take one action, cast to float32 and clipped to the box.
 
         Raises:
-            ResetNeeded: No episode has begun.
-            TypeError, ValueError: The action has a wrong shape or type, or is not finite; nothing has changed.
+            ResetNeeded: No episode has started.
+            TypeError, ValueError: The action has a wrong shape or type, or is not finite. No state has changed.
         """
         if not self._observation:
             raise ResetNeeded("step() needs a reset() before it.")
@@ -98,7 +98,7 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return self._shown(observation), float(is_success), terminated, truncated, info
 
     def _diverged(self, applied: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Return the end of an episode whose simulation has broken down: its last sound observation."""
+        """Return the last step of an episode whose simulation has diverged, with its last valid observation."""
         info = {"is_success": False, "applied_action": applied, "diverged": True}
         return self._shown(self._observation), 0.0, False, True, info
 
@@ -107,10 +107,10 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         return bool(is_reached(achieved, desired, self.simulation.distance_threshold))
 
     def load(self, saved: dict[str, NDArray[np.float64]], observation: Observation, elapsed: int) -> None:
-        """Take over the state of a running episode, all but the random generator.
+        """Set the state of a running episode, except for the random generator.
 
         Args:
-            saved: What ``Simulation.save`` returned.
+            saved: The result of `Simulation.save`.
             observation: The last observation.
             elapsed: Actions taken so far.
         """
@@ -118,7 +118,7 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
         self._observation, self._elapsed = observation, elapsed
 
     def render(self) -> Any:
-        """Return a picture, uint8 [480, 480, 3], or show it under ``"human"``; the simulation is not touched."""
+        """Return a picture, uint8 [480, 480, 3], or show it with `"human"`; the simulation does not change."""
         if self.render_mode is None:
             gymnasium.logger.warn(f'{self} has no render mode; make it with render_mode="rgb_array" or "human".')
             return None
@@ -140,7 +140,7 @@ class FetchEnv(gymnasium.Env[Any, NDArray[np.float32]]):
             self._picture = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the window: a copy opens its own when it is first drawn."""
+        """Exclude the window: a copy opens its own when it is first drawn."""
         return {**self.__dict__, "_picture": None}
 
 
@@ -148,19 +148,19 @@ class FlatFetch(FetchEnv):
     """
     ## Description
 
-    A seven-jointed Fetch arm above a table, moved by displacements of its gripper, simulated by MuJoCo in steps of
-    2 ms. The tasks and their models are Gymnasium-Robotics' `Fetch*-v4`, made sparse as the paper's appendix G.1
-    says: 1 for reaching the goal, and the episode is over.
+    A Fetch arm with seven joints above a table, controlled by displacements of its gripper, simulated by MuJoCo in
+    steps of 2 ms. The tasks and their models are Gymnasium-Robotics' `Fetch*-v4`. They are sparse, as in the paper's
+    appendix G.1: reaching the goal gives reward 1 and ends the episode.
 
     - Reach: bring the gripper to a point in the air.
     - Push: push a box to a point on the table, with closed fingers.
-    - Slide: hit a puck so that it slides to, and stops at, a point out of reach, with closed fingers.
+    - Slide: hit a puck so that it slides to a point out of reach and stops there, with closed fingers.
     - PickAndPlace: bring a box to a point on the table or in the air.
 
     ## Action Space
 
     `Box(-1, 1, (4,), float32)`: displacement of the gripper along x, y and z, in units of 5 cm, and the opening of
-    its fingers (PickAndPlace only). Values outside the box are clipped; NaN, infinity and other shapes are refused.
+    its fingers (PickAndPlace only). Values outside the box are clipped; NaN, infinity and other shapes are errors.
 
     ## Observation Space
 
@@ -168,23 +168,23 @@ class FlatFetch(FetchEnv):
     desired goal of Gymnasium-Robotics, in this order. Velocities are in metres (radians) per 40 ms, whatever
     `substep` is. With `observation="goal"`, the same three as a dictionary.
 
-    `info` holds `is_success` (bool), after a step `applied_action` (float32, what the simulation got), and, where the
-    simulation has broken down, `diverged` (True).
+    `info` holds `is_success` (bool), after a step `applied_action` (float32, with noise and clipped), and, if the
+    simulation has diverged, `diverged` (True).
 
     ## Rewards
 
-    1 where the achieved goal is within 5 cm of the desired one, else 0.
+    1 if the achieved goal is within 5 cm of the desired one, else 0.
 
     ## Starting State
 
-    The arm as it settles above the table. The object lies on the table, at least 10 cm from the gripper. Object and
-    goal are drawn anew for each episode. None of it depends on `substep`.
+    The arm is above the table. The object lies on the table, at least 10 cm from the gripper. Object and goal are drawn
+    again for each episode. The start does not depend on `substep`.
 
     ## Episode End
 
     1. Terminated: the goal is reached (unless `terminate_on_goal=False`).
     2. Truncated: round(1000 / substep) actions were taken and the last did not terminate.
-    3. Truncated: the simulation broke down; the observation is the last sound one and the reward 0.
+    3. Truncated: the simulation diverged; the observation is the last valid one and the reward 0.
 
     ## Arguments
 
@@ -196,8 +196,8 @@ class FlatFetch(FetchEnv):
 
     ## Version history
 
-    - v1: the first.
-    """  # noqa: D212, D415 - the sections are Gymnasium-Robotics', and so is their form
+    - v1: first version.
+    """  # noqa: D212, D415 - the sections have Gymnasium-Robotics' form
 
     def __init__(self, task: str, rules: Rules, render_mode: str | None = None) -> None:
         super().__init__(task, rules, render_mode)
@@ -221,8 +221,8 @@ class GoalFetch(FetchEnv, GoalEnv):  # type: ignore[misc]  # upstream is untyped
     def _shown(self, observation: Observation) -> Observation:
         return {name: values.copy() for name, values in observation.items()}
 
-    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> NDArray[np.float64]:  # noqa: ARG002 - its API
-        """Return the rewards [...] of goals [..., 3], whoever achieved and desired them."""
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> NDArray[np.float64]:  # noqa: ARG002 - GoalEnv's API
+        """Return the rewards [...] of any achieved and desired goals [..., 3]."""
         return is_reached(achieved_goal, desired_goal, self.simulation.distance_threshold).astype(np.float64)[()]
 
     def compute_terminated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:  # noqa: ARG002 - as above
@@ -231,7 +231,7 @@ class GoalFetch(FetchEnv, GoalEnv):  # type: ignore[misc]  # upstream is untyped
         return (reached & self.rules.terminate_on_goal)[()]
 
     def compute_truncated(self, achieved_goal: Any, desired_goal: Any, info: Any) -> Any:
-        """Return whether the present step is the last of the horizon and does not terminate, bool [...]."""
+        """Return whether the current step is the last of the horizon and does not terminate, bool [...]."""
         is_last = self._elapsed >= self.rules.horizon
         return is_last & ~np.asarray(self.compute_terminated(achieved_goal, desired_goal, info))
 
@@ -246,7 +246,7 @@ def make_single(
     render_mode: str | None = None,
     **unknown: Any,
 ) -> FetchEnv:
-    """Make the environment of a task, of the class that its kind of observation asks for.
+    """Make the environment of a task, with the class for its kind of observation.
 
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
@@ -258,13 +258,13 @@ def make_single(
 
 
 class _EntryPoint:
-    """A function that makes one task, with the metadata that Gymnasium looks for on it."""
+    """A callable that makes the environment of one task, with the metadata that Gymnasium reads."""
 
     metadata = FetchEnv.metadata
 
     def __init__(self, task: str) -> None:
         self._task = task
-        self.__signature__ = inspect.signature(partial(make_single, task))  # what `inspect` tells of the arguments
+        self.__signature__ = inspect.signature(partial(make_single, task))  # for tools that inspect the arguments
 
     def __call__(self, **arguments: Any) -> FetchEnv:
         return make_single(self._task, **arguments)

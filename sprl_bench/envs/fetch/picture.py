@@ -1,4 +1,4 @@
-"""Pictures of a Fetch simulation, drawn from a copy: drawing never touches what is simulated."""
+"""Pictures of a Fetch simulation, drawn from a copy, so that drawing never changes the simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Picture:
     """Draws states of one model, with a red ball at the goal.
 
     Args:
-        model: The simulated model, which is copied.
+        model: The model, which is copied.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -37,7 +37,7 @@ class Picture:
         )
 
     def draw(self, row: NDArray[np.float64], goal: NDArray[np.float64], render_mode: str) -> Any:
-        """Return the picture of a saved state, uint8 [480, 480, 3], or show it in a window under ``"human"``."""
+        """Return the picture of a saved state, uint8 [480, 480, 3], or show it in a window with `"human"`."""
         mujoco.mj_setState(self._model, self._data, row, STATE)
         mark = self._model.site(_GOAL_MARK)
         mark.pos[:] = goal - self._model.body(int(mark.bodyid[0])).pos
@@ -52,10 +52,10 @@ class Picture:
 
 @contextlib.contextmanager
 def _egl_without_a_display() -> Iterator[None]:
-    """Spare a headless machine MuJoCo's first choice, GLFW, which fails there, and noisily; others are left alone.
+    """Choose EGL on a headless Linux machine, where MuJoCo's first choice, GLFW, fails.
 
-    The choice is taken back at once, and what it brought into the environment: where there is no EGL, a process that
-    inherited it could not load MuJoCo.
+    The environment variables are restored afterwards: without EGL, a child process that inherits them cannot load
+    MuJoCo.
     """
     chosen = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL")
     if sys.platform != "linux" or any(os.environ.get(name) for name in chosen):

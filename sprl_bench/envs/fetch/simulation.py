@@ -1,8 +1,8 @@
-"""The simulated arm of one Fetch task: Gymnasium-Robotics' own, with another number of substeps behind an action.
+"""The simulation of one Fetch task: Gymnasium-Robotics' ("upstream"), with a choice of the substeps for each action.
 
-The constructor is upstream's: the arm settles for 10 x 20 substeps, goals are sampled around where it settled, and
-velocities are scaled by 20 substeps. Only what happens between two observations depends on ``substep``, so the start
-state, the goals and the scale of an observation do not.
+The constructor is upstream's: the arm settles for 10 x 20 substeps, goals are sampled around its position then, and
+velocities are scaled by 20 substeps. `substep` only changes the steps between two observations, not the start state,
+the goals or the scale of an observation.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ Observation = dict[str, NDArray[np.float64]]
 Row = NDArray[np.float64]
 
 STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
-"""The part of the state that is saved: all that a next step depends on, but for derived fields read before it."""
+"""The saved part of the state: everything that a next step depends on, except derived fields that it reads."""
 
 WELDED_BODY: Final = "robot0:gripper_link"
-"""The body that the mocap pulls; an action is relative to where this body was last computed to be."""
+"""The body welded to the mocap body. An action is relative to its last computed position."""
 
 DIVERGENCE: Final = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -37,7 +37,7 @@ DIVERGENCE: Final = [
 
 
 class Simulation:
-    """What is ours in the simulation of every task; mixed into upstream's classes.
+    """Our part of the simulation of every task, mixed into upstream's classes.
 
     Attributes:
         substep: Simulation steps for each action.
@@ -62,13 +62,13 @@ class Simulation:
 
     @property
     def has_diverged(self) -> bool:
-        """Whether a step since the last reset met a number that is not finite, or huge; MuJoCo then starts over."""
+        """Whether a step since the last reset had a non-finite or huge number, after which MuJoCo resets itself."""
         return bool(self.data.warning.number[DIVERGENCE].any())
 
     def save(self) -> dict[str, Row]:
-        """Return what ``load`` continues from exactly.
+        """Return a state from which `load` continues exactly.
 
-        That includes where the welded body was last computed to be, which in PickAndPlace is one substep old.
+        It includes the last computed pose of the welded body, which in PickAndPlace is one substep old.
         """
         row = np.empty(mujoco.mj_stateSize(self.model, STATE))
         mujoco.mj_getState(self.model, self.data, row, STATE)
@@ -76,7 +76,7 @@ class Simulation:
         return {"row": row, "position": body.xpos.copy(), "orientation": body.xquat.copy(), "goal": self.goal.copy()}
 
     def load(self, saved: dict[str, Row]) -> None:
-        """Continue from what ``save`` returned."""
+        """Restore a state from `save`."""
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, saved["row"], STATE)
         mujoco.mj_forward(self.model, self.data)
@@ -113,7 +113,7 @@ _CLASSES: Final = {"Reach": _Reach, "Push": _Push, "Slide": _Slide, "PickAndPlac
 
 
 def new_simulation(task: str, substep: int) -> Any:
-    """Return the settled simulation of a task: ``"Reach"``, ``"Push"``, ``"Slide"`` or ``"PickAndPlace"``."""
+    """Return the settled simulation of a task: `"Reach"`, `"Push"`, `"Slide"` or `"PickAndPlace"`."""
     simulation = _CLASSES[task]()
     simulation.substep = substep
     return simulation

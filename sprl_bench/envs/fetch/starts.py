@@ -1,4 +1,4 @@
-"""What an episode draws: where the object lies and where the goal is, in upstream's order, from one generator."""
+"""The random start of an episode: object and goal positions, in the order of Gymnasium-Robotics' draws."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Point = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Starts:
-    """The distribution of starts of one task, with the numbers of its settled simulation.
+    """The distribution of the starts of one task.
 
     Attributes:
-        gripper: Where the gripper settled, [3] in metres.
+        gripper: Initial position of the gripper, [3] in metres.
         has_object: Whether the task has an object.
-        object_range: Half the side of the square around the gripper that objects are drawn from.
-        target_range: Half the side of the cube around the gripper that goals are drawn from.
-        target_offset: What is added to a goal of a task with an object, a number or [3].
+        object_range: Half the side of the square of object positions around the gripper.
+        target_range: Half the side of the cube of goals around the gripper.
+        target_offset: Added to the goals of tasks with an object, a number or [3].
         in_the_air: Whether a goal of a task with an object may be above the table.
         height: The height of a goal on the table (tasks with an object only).
     """
@@ -47,7 +47,7 @@ class Starts:
         )
 
     def draw(self, generator: np.random.Generator) -> tuple[Point, Point]:
-        """Return the place of the object on the table, [2] (none for a task without: []), and the goal, [3]."""
+        """Return the position of the object on the table, [2] ([0] without an object), and the goal, [3]."""
         if not self.has_object:
             return np.empty(0), self._point(generator)
         place = self._place(generator)

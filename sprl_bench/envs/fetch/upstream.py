@@ -1,9 +1,9 @@
-"""Gymnasium-Robotics mended for MuJoCo 3.12 and later, for our environments alone.
+"""A fix of Gymnasium-Robotics for MuJoCo 3.12 and later, used only by our environments.
 
-Four functions of its ``mujoco_utils`` (get and set of a joint's position and velocity) assert that a joint's type, a
-NumPy integer, is in a tuple of ``mjtJoint`` members. Since MuJoCo 3.12 such a member no longer equals a NumPy integer
-on its right, so the assertion fails for every hinge and slide. ``joint_utils`` gives a private copy of that module in
-which the members are integers, or the module itself where it needs no mending; the original is never changed.
+Four functions of its `mujoco_utils` (get and set of a joint's position and velocity) assert that a joint's type, a
+NumPy integer, is in a tuple of `mjtJoint` members. Since MuJoCo 3.12, `integer == member` is False, so the assertion
+fails for every hinge and slide. `joint_utils` returns a private copy of the module in which the members are integers,
+or the module itself if it works. The original module is never changed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _ONE_HINGE = "<mujoco><worldbody><body><joint name='hinge'/><geom size='1'/></bo
 
 
 def is_broken(utils: ModuleType = mujoco_utils) -> bool:
-    """Return whether ``utils`` cannot read the position of a hinge, which is how the fault shows."""
+    """Return whether `utils` fails to read the position of a hinge."""
     model = mujoco.MjModel.from_xml_string(_ONE_HINGE)
     try:
         utils.get_joint_qpos(model, mujoco.MjData(model), "hinge")
@@ -32,7 +32,7 @@ def is_broken(utils: ModuleType = mujoco_utils) -> bool:
 
 @functools.cache
 def joint_utils() -> ModuleType:
-    """Return Gymnasium-Robotics' ``mujoco_utils``, or a mended private copy where it is broken."""
+    """Return Gymnasium-Robotics' `mujoco_utils`, or a fixed private copy if it is broken."""
     original: ModuleType = mujoco_utils
     if not is_broken():
         return original
@@ -41,14 +41,14 @@ def joint_utils() -> ModuleType:
     assert spec.loader is not None
     copy = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copy)
-    copy.mujoco = _IntegerJoints()  # type: ignore[attr-defined]  # the global that its functions look up
+    copy.mujoco = _IntegerJoints()  # type: ignore[attr-defined]  # the global that its functions use
     return copy
 
 
 class _IntegerJoints:
-    """The ``mujoco`` module, with joint types that equal NumPy integers on either side."""
+    """The `mujoco` module, with joint types that equal NumPy integers on either side."""
 
-    mjtJoint = IntEnum(  # type: ignore[misc]  # mypy wants the members written out
+    mjtJoint = IntEnum(  # type: ignore[misc]  # mypy needs literal members
         "mjtJoint", {name: int(member) for name, member in mujoco.mjtJoint.__members__.items()}
     )
 

@@ -1,1 +1,1 @@
-"""The grid tasks: layouts (pure), the single environment on Minigrid, and the batched engine."""
+"""The grid tasks: layouts (pure functions), the single environment on Minigrid, and the batched engine."""

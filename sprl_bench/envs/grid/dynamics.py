@@ -1,15 +1,15 @@
-"""The grid tasks as compiled kernels: N sub-environments in arrays, at most three cells touched a step.
+"""The grid tasks as compiled kernels: N sub-environments in arrays; a step changes at most three cells.
 
 A sub-environment is one row of each array:
 
-- ``cells`` uint8 [N, S, S, 3]: the observation itself (row y, column x), kept up to date in place;
-- ``agents`` int64 [N, 3]: x, y, direction;
-- ``beneath`` uint8 [N, 3]: the cell that the agent stands on (empty, an open door, or the goal);
-- ``carrying`` bool [N]: whether the agent holds the key;
-- ``streams`` uint64 [N, 4]: its random stream.
+- `cells` uint8 [N, S, S, 3]: the observation itself (row y, column x), updated in place;
+- `agents` int64 [N, 3]: x, y, direction;
+- `beneath` uint8 [N, 3]: the cell that the agent stands on (empty, an open door, or the goal);
+- `carrying` bool [N]: whether the agent holds the key;
+- `streams` uint64 [N, 4]: its random stream.
 
-The rules are Minigrid's. Kernels check no bounds: the outer wall keeps the agent inside. They index whole arrays by
-row, because a view of a row costs more here than the work on it.
+The rules are Minigrid's. Kernels do not check bounds: the outer wall keeps the agent inside. They index whole arrays
+by row, because making a view of a row would take longer than the work on it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _put(cells: Cells, row: int, y: int, x: int, kind: int, colour: int, state: 
 
 @inline
 def _room(cells: Cells, row: int) -> None:
-    """Clear a grid and wall it in."""
+    """Clear a grid and put walls around it."""
     size = cells.shape[1]
     for y in range(size):
         for x in range(size):
@@ -107,7 +107,7 @@ def _paint_key_doors(cells: Cells, row: int, layout: KeyDoorsLayout) -> None:
 
 @inline
 def _place(cells: Cells, agents: Integers, beneath: Cells, row: int, x: int, y: int, direction: int) -> None:
-    """Put the agent on a cell, and remember the cell."""
+    """Put the agent on a cell, and store the cell in `beneath`."""
     for channel in range(3):
         beneath[row, channel] = cells[row, y, x, channel]
     _put(cells, row, y, x, AGENT, RED, direction)
@@ -116,7 +116,7 @@ def _place(cells: Cells, agents: Integers, beneath: Cells, row: int, x: int, y: 
 
 @inline
 def _draw(streams: NDArray[np.uint64], row: int, uniforms: NDArray[np.float64]) -> None:
-    """Fill ``uniforms`` with the next doubles of one stream."""
+    """Fill `uniforms` with the next doubles of one stream."""
     stream = streams[row]
     for index in range(uniforms.shape[0]):
         uniforms[index] = next_double(stream)
@@ -126,7 +126,7 @@ def _draw(streams: NDArray[np.uint64], row: int, uniforms: NDArray[np.float64]) 
 def restart_four_rooms(
     rows: Integers, cells: Cells, agents: Integers, beneath: Cells, carrying: Flags, streams: NDArray[np.uint64]
 ) -> None:
-    """Start a new episode of FourRooms in each of ``rows``."""
+    """Start a new episode of FourRooms in each of `rows`."""
     uniforms = np.empty(FOUR_ROOMS_DRAWS)
     for row in rows:
         _draw(streams, row, uniforms)
@@ -140,7 +140,7 @@ def restart_four_rooms(
 def restart_key_doors(
     rows: Integers, cells: Cells, agents: Integers, beneath: Cells, carrying: Flags, streams: NDArray[np.uint64]
 ) -> None:
-    """Start a new episode of KeyDoors in each of ``rows``."""
+    """Start a new episode of KeyDoors in each of `rows`."""
     uniforms = np.empty(KEY_DOORS_DRAWS)
     for row in rows:
         _draw(streams, row, uniforms)
@@ -170,7 +170,7 @@ def _can_enter(kind: int, state: int) -> bool:
 
 @inline
 def _handled(kind: int, colour: int, state: int, carrying: bool, action: int) -> tuple[int, int, int, bool]:
-    """Return a cell, and whether the key is in hand, after picking up, dropping or toggling there."""
+    """Return a cell, and whether the agent holds the key, after pickup, drop or toggle there."""
     if action == PICKUP and kind == KEY and not carrying:
         return EMPTY, 0, 0, True
     if action == DROP and kind == EMPTY and carrying:
@@ -195,11 +195,11 @@ def advance(
     terminations: Flags,
     truncations: Flags,
 ) -> None:
-    """Step the sub-environments from ``start`` to ``stop``; the skipped ones stand still with reward 0.
+    """Step the sub-environments from `start` to `stop`; skipped ones do not change and get reward 0.
 
-    ``elapsed`` already counts this step.
+    `elapsed` already includes this step.
     """
-    # One long body: what is called here takes numbers alone, for a call with arrays costs more than a whole step.
+    # One long body: functions called here only take numbers, because passing arrays takes longer than a whole step.
     for row in range(start, stop):
         action, reached = actions[row], False
         x, y, direction = agents[row, 0], agents[row, 1], agents[row, 2]
@@ -226,7 +226,7 @@ def advance(
 
 @kernel
 def first_invalid(actions: Integers, skipped: Flags) -> int:
-    """Return the first row whose action is out of range and not skipped, or -1."""
+    """Return the first row that is not skipped and has an action out of range, or -1."""
     for row in range(actions.shape[0]):
         if (actions[row] < 0 or actions[row] >= NUM_ACTIONS) and not skipped[row]:
             return row

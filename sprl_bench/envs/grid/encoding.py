@@ -1,13 +1,13 @@
-"""The alphabet of a grid observation: what the three numbers of a cell mean, and the actions' numbers.
+"""The encoding of grid observations: the three numbers of a cell, and the numbers of the actions.
 
-The numbers are Minigrid's, written down here so that the engine and the solver need not import it.
+The numbers are Minigrid's. They are repeated here so that the engine and the solver do not import it.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-# Channel 0: the type of the cell's object.
+# Channel 0: the type of the object in the cell.
 EMPTY: Final = 1
 WALL: Final = 2
 DOOR: Final = 4

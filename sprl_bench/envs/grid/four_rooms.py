@@ -1,4 +1,4 @@
-"""FourRooms: four rooms joined by gaps, and a goal in one of them."""
+"""FourRooms: four rooms connected by gaps, with a goal in one of them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class FourRooms(GridEnv):
     """
     ## Description
 
-    A square of S x S cells with an outer wall and a cross of walls at S // 2, which leaves four rooms. Each of the
+    A square of S x S cells with an outer wall and a cross of walls at S // 2, which forms four rooms. Each of the
     cross's four arms has one gap, at a random cell. Agent (position and direction) and goal start at distinct
-    random free cells, gaps included. All of it is drawn anew for each episode.
+    random free cells, including gaps. Everything is drawn again for each episode.
 
     ## Mission Space
 
@@ -51,7 +51,7 @@ class FourRooms(GridEnv):
     ## Termination
 
     1. Terminated: the agent reaches the goal.
-    2. Truncated: step 100 has been taken and the goal was not reached with it.
+    2. Truncated: step 100 was taken and did not reach the goal.
 
     ## Arguments
 
@@ -64,8 +64,8 @@ class FourRooms(GridEnv):
 
     ## Version history
 
-    - v1: the first.
-    """  # noqa: D212, D415 - the sections are Minigrid's, and so is their form
+    - v1: first version.
+    """  # noqa: D212, D415 - the sections have Minigrid's form
 
     @staticmethod
     def _mission() -> str:

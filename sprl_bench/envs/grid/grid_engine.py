@@ -1,4 +1,4 @@
-"""The batched grid engine: the single environments' MDPs, bit for bit, in a few compiled calls a step."""
+"""The batched grid engine: bit-identical to the single environments, in a few compiled calls for each step."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sprl_bench.envs.vector import BatchedEnv
 
 
 class GridEngine(BatchedEnv):
-    """N grids stepped by kernels; the arguments are those of ``BatchedEnv``."""
+    """N grids stepped by compiled kernels. The arguments are those of `BatchedEnv`."""
 
     metadata = GridEnv.metadata
     grain = 2048
@@ -71,12 +71,12 @@ class GridEngine(BatchedEnv):
         given = np.asarray(actions)
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             raise TypeError(
-                f"actions must be integers of shape ({self.num_envs},), got {given.dtype} of shape {given.shape}."
+                f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
             )
-        self._actions[:] = given  # one type for the kernels, whatever the user's
+        self._actions[:] = given  # the kernels are compiled for one type
         row = dynamics.first_invalid(self._actions, self._ended)
         if row >= 0:
-            raise ValueError(f"actions must be from 0 to {NUM_ACTIONS - 1}, got {given[row]} at index {row}.")
+            raise ValueError(f"actions[{row}] is {given[row]}; it must be an integer from 0 to {NUM_ACTIONS - 1}.")
         return self._actions
 
     def _information(self) -> Mapping[str, Array]:
@@ -98,17 +98,17 @@ class GridEngine(BatchedEnv):
         cells, (x, y, direction) = state["observations"][..., 0], state["agents"].T
         walled = (cells[:, [0, -1]] == WALL).all() and (cells[:, :, [0, -1]] == WALL).all()
         if not walled or (cells > AGENT).any():
-            raise ValueError("state['observations'] must be grids with a wall around them.")
+            raise ValueError("state['observations'] has a grid without an outer wall; it must be grids of these tasks.")
         inside = (x > 0) & (x < self.single.size - 1) & (y > 0) & (y < self.single.size - 1)
         if not (inside & (direction >= 0) & (direction < 4)).all():
-            raise ValueError("state['agents'] must be x and y inside the walls and a direction from 0 to 3.")
+            raise ValueError("state['agents'] is out of range; it must be x, y inside the walls and a direction.")
         drawn = state["observations"][np.arange(self.num_envs), y, x] == np.stack(
             [np.full_like(direction, AGENT), np.full_like(direction, RED), direction], axis=1
         )
         if not drawn.all() or ((cells == AGENT).sum(axis=(1, 2)) != 1).any():
-            raise ValueError("state['agents'] and state['observations'] must agree on where the agents are.")
+            raise ValueError("state['agents'] differs from state['observations']; it must be the agents' poses there.")
         if not np.isin(state["beneath"][:, 0], (EMPTY, DOOR, GOAL)).all():
-            raise ValueError("state['beneath'] must be cells that an agent can stand on.")
+            raise ValueError("state['beneath'] has another cell; it must be empty cells, doors or goals.")
 
     def _generator(self, row: int) -> np.random.Generator:
         return to_generator(self._streams[row])

@@ -1,7 +1,7 @@
-"""One grid environment on Minigrid: its dynamics and rendering inherited, the observation the whole grid.
+"""One grid environment on Minigrid, with the whole grid as its observation.
 
-Minigrid moves the agent, turns keys and draws pictures. What is ours: the observation, the information, the end
-of an episode, and that a bad action is refused before anything changes.
+Dynamics and rendering are Minigrid's. This class adds the observation, the information, the end of an episode, and the
+check of an action before anything changes.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _EMPTY_CELL = bytes((EMPTY, 0, 0))
 
 
 class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
-    """A fully observed square grid with a goal; subclasses say how a new episode is laid out.
+    """A fully observed square grid with a goal. Subclasses generate the layout of a new episode.
 
     Args:
-        render_mode: None, ``"rgb_array"`` or ``"human"``.
+        render_mode: None, `"rgb_array"` or `"human"`.
     """
 
     size: ClassVar[int]
@@ -49,7 +49,7 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
-        """Start an episode; with a ``seed``, the whole stream of episodes becomes a function of it."""
+        """Start an episode. A `seed` determines this and all following episodes."""
         observation, _ = super().reset(seed=seed, options=options)
         return observation, self._information(False)
 
@@ -57,22 +57,22 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
         """Take one action. Reaching the goal on the last step of the horizon terminates and does not truncate.
 
         Raises:
-            TypeError: ``action`` is not an integer; nothing has changed.
-            ValueError: ``action`` is not in 0 .. 6; nothing has changed.
+            TypeError: `action` is not an integer. No state has changed.
+            ValueError: `action` is not in 0 .. 6. No state has changed.
         """
         action = check_integer("action", action, 0, NUM_ACTIONS - 1)
         observation, reward, terminated, truncated, _ = super().step(action)
         return observation, float(reward), terminated, truncated and not terminated, self._information(terminated)
 
     def gen_obs(self) -> NDArray[np.uint8]:
-        """Encode the whole grid as [row y, column x, (type, colour, state)], the agent drawn over its cell."""
+        """Return the whole grid as [row y, column x, (type, colour, state)], with the agent in its cell."""
         cells = [_EMPTY_CELL if cell is None else bytes(cell.encode()) for cell in self.grid.grid]
         x, y = self.agent_pos
         cells[y * self.width + x] = bytes((AGENT, RED, self.agent_dir))
         return np.frombuffer(bytearray().join(cells), np.uint8).reshape(self.height, self.width, 3)
 
     def load(self, observation: NDArray[np.uint8], beneath: NDArray[np.uint8], carrying: bool, elapsed: int) -> None:
-        """Take over the state of a running episode, all but the random generator.
+        """Set the state of a running episode, except for the random generator.
 
         Args:
             observation: The whole grid, uint8 [S, S, 3], with the agent on it.
@@ -94,8 +94,8 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
     @staticmethod
     @abstractmethod
     def _mission() -> str:
-        """Return the task in words, shown below a human rendering."""
+        """Return the task in words; the window shows it."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the window and its clock: a copy opens its own when it is first drawn."""
+        """Exclude the window and its clock: a copy opens its own when it is first drawn."""
         return {**self.__dict__, "window": None, "clock": None, "render_size": None}

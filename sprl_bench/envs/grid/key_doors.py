@@ -17,7 +17,7 @@ class KeyDoors(GridEnv):
 
     A square of S x S cells with an outer wall, cut in two by a vertical wall at a random column from 2 to S - 3.
     One cell of that wall, at a random row, is a locked yellow door. Agent (position and direction) and a yellow
-    key start at distinct random cells to its left, the goal at a random cell to its right. All of it is drawn anew
+    key start at distinct random cells to its left, the goal at a random cell to its right. Everything is drawn again
     for each episode.
 
     ## Mission Space
@@ -41,8 +41,8 @@ class KeyDoors(GridEnv):
     `Box(0, 255, (S, S, 3), uint8)`: the whole grid, indexed by row y, then column x. A cell holds
     (type, colour, state): empty (1, 0, 0), wall (2, 5, 0), key (5, 4, 0), goal (8, 1, 0), door (4, 4, s) with
     s = 0 open, 1 closed, 2 locked; the agent's cell holds (10, 0, direction) with 0 = right, 1 = down, 2 = left,
-    3 = up. It is the image of Minigrid's `FullyObsWrapper` with its first two axes swapped. A carried key shows
-    only as its absence, and an open door is hidden while the agent stands in it.
+    3 = up. It is the image of Minigrid's `FullyObsWrapper` with its first two axes swapped. A carried key is not
+    in the grid, and an open door is hidden while the agent stands in it.
 
     `info` holds `is_success` (bool) and `position`, the agent's (x, y) as an int64 array.
 
@@ -53,7 +53,7 @@ class KeyDoors(GridEnv):
     ## Termination
 
     1. Terminated: the agent reaches the goal.
-    2. Truncated: step 100 has been taken and the goal was not reached with it.
+    2. Truncated: step 100 was taken and did not reach the goal.
 
     ## Arguments
 
@@ -66,8 +66,8 @@ class KeyDoors(GridEnv):
 
     ## Version history
 
-    - v1: the first.
-    """  # noqa: D212, D415 - the sections are Minigrid's, and so is their form
+    - v1: first version.
+    """  # noqa: D212, D415 - the sections have Minigrid's form
 
     @staticmethod
     def _mission() -> str:

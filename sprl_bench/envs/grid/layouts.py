@@ -1,8 +1,7 @@
-"""Where walls, agent and objects of a new episode stand: pure functions of one vector of uniform draws.
+"""The layout of a new episode (walls, agent, objects): pure functions of one vector of uniform draws.
 
-Each reset draws one vector of doubles in [0, 1) and decodes it here, by floor(u * n) for each choice among n.
-The functions are plain Python on numbers, and compile under Numba as they are, so that the single environment
-and the batched engine share the very same decoding.
+Each reset draws one vector of doubles in [0, 1) and decodes it here, by floor(u * n) for a choice among n. The
+functions are plain Python that Numba can compile, so the single environment and the batched engine share them.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ KEY_DOORS_DRAWS: Final = 6
 
 
 class FourRoomsLayout(NamedTuple):
-    """Four rooms around the cross of walls at ``size // 2``."""
+    """Four rooms around the cross of walls at `size // 2`."""
 
     gap_up: int  # row of the gap in the vertical wall's upper half
     gap_down: int  # row of the gap in its lower half
@@ -58,13 +57,13 @@ def pick_two(first_uniform: float, second_uniform: float, count: int) -> tuple[i
 
 
 def four_rooms_layout(size: int, uniforms: Sequence[float] | NDArray[np.float64]) -> FourRoomsLayout:
-    """Decode ``FOUR_ROOMS_DRAWS`` draws for an odd ``size`` of at least 5.
+    """Decode `FOUR_ROOMS_DRAWS` draws for an odd `size` of at least 5.
 
     Each gap is uniform over its wall segment, the agent over all free cells (gaps included) and directions, the
     goal over the other free cells.
     """
     middle = size // 2
-    room = middle - 1  # rooms are room x room cells, and each wall segment is as long
+    room = middle - 1  # rooms have room x room cells; wall segments have the same length
     gap_up = 1 + pick(uniforms[0], room)
     gap_down = middle + 1 + pick(uniforms[1], room)
     gap_left = 1 + pick(uniforms[2], room)
@@ -78,7 +77,7 @@ def four_rooms_layout(size: int, uniforms: Sequence[float] | NDArray[np.float64]
 
 
 def free_cell(index: int, middle: int, gaps: tuple[tuple[int, int], ...]) -> tuple[int, int]:
-    """Return (x, y) of a free cell of four rooms, counted room by room, then the four gaps."""
+    """Return (x, y) of a free cell of four rooms, numbered room by room, then the four gaps."""
     room = middle - 1
     area = room * room
     if index >= 4 * area:
@@ -88,7 +87,7 @@ def free_cell(index: int, middle: int, gaps: tuple[tuple[int, int], ...]) -> tup
 
 
 def key_doors_layout(size: int, uniforms: Sequence[float] | NDArray[np.float64]) -> KeyDoorsLayout:
-    """Decode ``KEY_DOORS_DRAWS`` draws for a ``size`` of at least 5.
+    """Decode `KEY_DOORS_DRAWS` draws for a `size` of at least 5.
 
     The wall's column is uniform in [2, size - 3], the door's row in [1, size - 2]; agent and key take distinct
     cells on the left, the goal a cell on the right, each uniform.

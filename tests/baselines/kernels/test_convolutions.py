@@ -67,7 +67,7 @@ def test_features_and_gradients_are_those_of_plain_convolutions(
 
 @pytest.mark.parametrize("channels", [1, 2, 4, 6, 2000])
 def test_images_with_another_number_of_channels_are_refused(channels: int) -> None:
-    with pytest.raises(ValueError, match=rf"The images have {channels} channels; they need 3"):
+    with pytest.raises(ValueError, match=rf"Channels of images is {channels}; it must be 3"):
         convolutions()(torch.zeros(2, channels, 7, 7))
 
 

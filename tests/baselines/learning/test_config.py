@@ -66,7 +66,9 @@ def test_whole_numbers_become_floats_where_floats_are_meant() -> None:
     ],
 )
 def test_a_wrong_value_is_one_sentence(field: str, value: Any, allowed: str) -> None:
-    with pytest.raises(ValueError, match=f"^{re.escape(f'Hyperparameter {field}={value!r} must be {allowed}.')}$"):
+    with pytest.raises(
+        ValueError, match=f"^{re.escape(f'Hyperparameter {field} is {value!r}; it must be {allowed}.')}$"
+    ):
         Example(**{field: value})
 
 
@@ -102,5 +104,5 @@ def test_the_defaults_of_ppo_are_table_1s_and_go_through_json() -> None:
 
 def test_more_minibatches_than_samples_are_refused() -> None:
     PPOConfig(num_envs=2, rollout_length=3, minibatches=6)
-    with pytest.raises(ValueError, match=r"minibatches=7 must be at most num_envs \* rollout_length, 6"):
+    with pytest.raises(ValueError, match=r"minibatches is 7; it must be at most num_envs \* rollout_length, 6"):
         PPOConfig(num_envs=2, rollout_length=3, minibatches=7)

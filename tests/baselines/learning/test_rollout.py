@@ -1,272 +1,136 @@
-"""The collector, against an environment whose every step is written down beforehand."""
+"""Distinct rows: found once, in order of appearance, and given to a network once."""
 
 from __future__ import annotations
 
-import itertools
-from typing import Any
+from dataclasses import replace
 
-import gymnasium
-import numpy as np
 import pytest
 import torch
-from gymnasium import spaces
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor, nn
 
-import sprl_bench  # noqa: F401 - registers the ids
-from sprl_baselines.learning.rollout import Collector, Decision, stacked
+from sprl_baselines.learning import rollout as module
+from sprl_baselines.learning.rollout import Rollout, Rows, compute_once
 
-CPU = torch.device("cpu")
-
-
-class Scripted(gymnasium.Env[Any, Any]):
-    """Shows 100 * episode + step; its episodes end by turns after the lengths and in the ways of its script."""
-
-    observation_space = spaces.Box(-1, 1e6, (1,), np.float32)
-
-    def __init__(self, script: list[tuple[int, str]], action_space: spaces.Space[Any] | None = None) -> None:
-        self.action_space = action_space or spaces.Discrete(2)
-        self._script, self._episode, self.received = script, -1, []
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        self._episode, self._step = self._episode + 1, 0
-        return self._show()
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.received.append(action)
-        self._step += 1
-        length, how = self._script[self._episode % len(self._script)]
-        over = self._step == length
-        observation, info = self._show()
-        return observation, float(self._step), over and "terminated" in how, over and "truncated" in how, info
-
-    def _show(self) -> tuple[Any, dict[str, Any]]:
-        return np.float32([100 * self._episode + self._step]), {"position": np.array([self._episode, self._step])}
+floats = st.lists(st.lists(st.sampled_from([0.0, 1.5, -2.0]), min_size=2, max_size=2), min_size=1, max_size=30)
 
 
-def vector(*scripts: list[tuple[int, str]], **arguments: Any) -> SyncVectorEnv:
-    makers = [lambda script=script: Scripted(script, **arguments) for script in scripts]
-    return SyncVectorEnv(makers, autoreset_mode=AutoresetMode.SAME_STEP)
+def test_distinct_rows_in_order_of_appearance() -> None:
+    rows = Rows.of(torch.tensor([[3, 1], [2, 2], [3, 1], [3, 2], [2, 2]], dtype=torch.uint8))
+    assert rows.distinct.tolist() == [[3, 1], [2, 2], [3, 2]]
+    assert rows.places.tolist() == [0, 1, 0, 2, 1]
 
 
-def numbered_policy() -> Any:
-    """Return a policy whose k-th decision is action k % 2, log-probability -k, value k."""
-    count = iter(range(10**6))
-
-    def act(observations: torch.Tensor) -> Decision:
-        k = next(count)
-        row = torch.full((len(observations),), float(k))
-        return Decision((row % 2).long(), -row, row)
-
-    return act
+@settings(max_examples=40, deadline=None)
+@given(floats)
+def test_distinct_rows_are_distinct_and_give_the_rows_back(rows: list[list[float]]) -> None:
+    observations = torch.tensor(rows, dtype=torch.float64)
+    found = Rows.of(observations)
+    assert torch.equal(found.expanded(), observations)
+    assert len({tuple(row) for row in found.distinct.tolist()}) == len(found.distinct)
 
 
-SCRIPTS = [(3, "terminated"), (2, "truncated")], [(4, "truncated and terminated"), (50, "truncated")]
+@settings(max_examples=40, deadline=None)
+@given(floats, floats)
+def test_joined_rows_are_those_of_the_joined_tensors(first: list[list[float]], second: list[list[float]]) -> None:
+    tensors = torch.tensor(first), torch.tensor(second)
+    ours, expected = Rows.of(tensors[0]) + Rows.of(tensors[1]), Rows.of(torch.cat(tensors))
+    assert torch.equal(ours.distinct, expected.distinct)
+    assert torch.equal(ours.places, expected.places)
 
 
-def collector(length: int = 6) -> Collector:
-    made = Collector(vector(*SCRIPTS), length, CPU)
-    made.reset()
-    return made
+@settings(max_examples=40, deadline=None)
+@given(floats, st.integers(0, 99))
+def test_some_rows_in_order_are_those_of_the_same_part_of_the_tensor(rows: list[list[float]], seed: int) -> None:
+    observations = torch.tensor(rows)
+    indices = torch.randint(len(rows), (7,), generator=torch.Generator().manual_seed(seed))
+    ours, expected = Rows.of(observations)[indices].in_order(), Rows.of(observations[indices])
+    assert torch.equal(ours.distinct, expected.distinct)
+    assert torch.equal(ours.places, expected.places)
 
 
-def test_what_was_seen_done_and_given() -> None:
-    rollout = collector().collect(numbered_policy())
-    assert rollout.observations.squeeze(-1).T.tolist() == [[0, 1, 2, 100, 101, 200], [0, 1, 2, 3, 100, 101]]
-    assert rollout.rewards.T.tolist() == [[1, 2, 3, 1, 2, 1], [1, 2, 3, 4, 1, 2]]
-    assert rollout.rewards.dtype == torch.float32
-    assert rollout.actions.tolist() == [[0, 0], [1, 1], [0, 0], [1, 1], [0, 0], [1, 1]]
-    assert rollout.values[:, 0].tolist() == [0, 1, 2, 3, 4, 5]
-    assert rollout.log_probs[:, 1].tolist() == [0, -1, -2, -3, -4, -5]
-    assert rollout.num_steps == 12
-
-
-def test_the_two_endings_stay_apart() -> None:
-    rollout = collector().collect(numbered_policy())
-    assert rollout.terminated.nonzero().tolist() == [[2, 0], [3, 1]]
-    assert rollout.truncated.nonzero().tolist() == [[3, 1], [4, 0]]
-    assert rollout.ended.nonzero().tolist() == [[2, 0], [3, 1], [4, 0]]
-
-
-def test_successors_are_the_true_ones() -> None:
-    rollout = collector().collect(numbered_policy())
-    assert rollout.final_observations.squeeze(-1).tolist() == [3, 4, 102]
-    assert rollout.next_observations.squeeze(-1).T.tolist() == [[1, 2, 3, 101, 102, 201], [1, 2, 3, 4, 101, 102]]
-    assert rollout.last_observations.squeeze(-1).tolist() == [201, 102]
-
-
-def test_positions_go_with_observations() -> None:
-    rollout = collector().collect(numbered_policy())
-    for places, observations in (
-        (rollout.positions, rollout.observations),
-        (rollout.next_positions, rollout.next_observations),
-    ):
-        assert torch.equal(100 * places[..., 0] + places[..., 1], observations.squeeze(-1).long())
-
-
-def test_rollouts_join_without_a_seam() -> None:
-    whole = collector(12).collect(numbered_policy())
-    in_parts, policy = collector(4), numbered_policy()
-    parts = [in_parts.collect(policy) for _ in range(3)]
-    for name in ("observations", "actions", "rewards", "terminated", "truncated", "values", "next_observations"):
-        assert torch.equal(torch.cat([getattr(part, name) for part in parts]), getattr(whole, name)), name
-    for earlier, later in itertools.pairwise(parts):
-        assert torch.equal(earlier.last_observations, later.observations[0])
-
-
-def test_a_rollout_without_endings_and_one_of_nothing_else() -> None:
-    calm = Collector(vector([(50, "truncated")]), 5, CPU)
-    calm.reset()
-    rollout = calm.collect(numbered_policy())
-    assert rollout.final_observations.shape == (0, 1)
-    assert rollout.next_observations.squeeze(-1).T.tolist() == [[1, 2, 3, 4, 5]]
-    busy = Collector(vector([(1, "terminated")]), 3, CPU)
-    busy.reset()
-    assert busy.collect(numbered_policy()).next_observations.squeeze(-1).T.tolist() == [[1, 101, 201]]
-
-
-def test_grids_report_positions_of_the_agent() -> None:
-    envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=3)
-    envs.reset(seed=5)
-    made = Collector(envs, 120, CPU)
-    made.reset()
+@pytest.mark.parametrize("shape", [(40,), (20, 2)])
+def test_a_network_on_distinct_rows_gives_what_it_gives_on_all(shape: tuple[int, ...]) -> None:
+    """In outputs and gradients, and it sees each row once."""
     generator = torch.Generator().manual_seed(0)
+    pool = torch.randn(5, 3, generator=generator)
+    rows = Rows.of(pool[torch.randint(4, (40,), generator=generator)])
+    rows = Rows(rows.distinct, rows.places.view(shape))
+    layer, seen = nn.Linear(3, 2), []
 
-    def act(observations: torch.Tensor) -> Decision:
-        zeros = torch.zeros(len(observations))
-        return Decision(torch.randint(3, (len(observations),), generator=generator), zeros, zeros)
+    def network(inputs: Tensor) -> Tensor:
+        seen.append(len(inputs))
+        outputs: Tensor = layer(inputs)
+        return outputs
 
-    rollout = made.collect(act)
-    assert rollout.ended.any()
-    agent = 10  # Minigrid's code of the agent
-    for places, grids in (
-        (rollout.positions, rollout.observations),
-        (rollout.next_positions, rollout.next_observations),
-    ):
-        found = (grids[..., 0] == agent).nonzero()  # rows of (t, n, y, x)
-        assert torch.equal(found[:, [3, 2]].view(places.shape), places)
-
-
-def test_envs_that_reuse_their_arrays_are_copied() -> None:
-    rollouts = []
-    for copy in (True, False):
-        envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=3, copy=copy)
-        envs.reset(seed=5)
-        made = Collector(envs, 30, CPU)
-        made.reset()
-        rollouts.append(made.collect(numbered_policy()))
-    for name in ("observations", "positions", "rewards", "last_observations"):
-        assert torch.equal(*(getattr(rollout, name) for rollout in rollouts)), name
+    gradients = []
+    for outputs in (rows.through(network), layer(rows.expanded())):
+        layer.zero_grad()
+        (outputs.square() * torch.arange(float(shape[0])).view(-1, *[1] * len(shape))).sum().backward()
+        gradients.append((outputs.detach(), layer.weight.grad.clone(), layer.bias.grad.clone()))
+    for ours, plain in zip(*gradients, strict=True):
+        torch.testing.assert_close(ours, plain, rtol=1e-4, atol=1e-4)
+    assert seen == [len(rows.distinct)]
 
 
-def test_envs_without_positions_give_none() -> None:
-    envs = SyncVectorEnv([lambda: gymnasium.make("CartPole-v1")] * 2, autoreset_mode=AutoresetMode.SAME_STEP)
-    envs.reset(seed=0)
-    made = Collector(envs, 60, CPU)
-    made.reset()
-    rollout = made.collect(numbered_policy())
-    assert rollout.positions.shape == rollout.next_positions.shape == (60, 2, 0)
+def test_two_outputs_are_spread_alike() -> None:
+    once, keys = [], torch.tensor([[7, 2], [7, 7]])
+
+    def function(needed: Tensor) -> tuple[Tensor, Tensor]:
+        once.extend(needed.tolist())
+        return needed * 10, torch.stack((needed, -needed), dim=1)
+
+    tens, pairs = compute_once(function, keys)
+    assert once == [2, 7]
+    assert torch.equal(tens, keys * 10)
+    assert torch.equal(pairs, torch.stack((keys, -keys), dim=-1))
 
 
-def test_continuous_actions_are_kept_as_drawn_and_executed_clipped() -> None:
-    envs = vector([(50, "truncated")], action_space=spaces.Box(-1, 1, (2,), np.float32))
-    made = Collector(envs, 1, CPU)
-    made.reset()
-    drawn = torch.tensor([[0.5, -3.0]])
-    rollout = made.collect(lambda _: Decision(drawn, torch.zeros(1), torch.zeros(1)))
-    assert torch.equal(rollout.actions[0], drawn)
-    assert envs.envs[0].unwrapped.received[0].tolist() == [0.5, -1.0]
+def drawn_rollout() -> Rollout:
+    """Five different observations in 30 steps of 3 sub-envs, with a few endings."""
+    generator = torch.Generator().manual_seed(3)
+    pool = torch.randint(9, (5, 2, 2), generator=generator, dtype=torch.uint8)
+    zeros, ended = torch.zeros(30, 3), torch.rand(30, 3, generator=generator) < 0.2
+
+    def observed(*shape: int) -> Tensor:
+        return pool[torch.randint(5, shape, generator=generator)]
+
+    return Rollout(
+        observations=observed(30, 3),
+        actions=zeros,
+        rewards=zeros,
+        terminated=ended,
+        truncated=torch.zeros_like(ended),
+        values=zeros,
+        log_probs=zeros,
+        last_observations=observed(3),
+        final_observations=observed(int(ended.sum())),
+        positions=zeros[..., None][..., :0],
+        next_positions=zeros[..., None][..., :0],
+    )
 
 
-def noisy(seed: int, noise: float = 0.25) -> tuple[Collector, Any]:
-    envs = vector([(500, "truncated")], action_space=spaces.Box(-1, 1, (2,), np.float32))
-    made = Collector(envs, 100, CPU, action_noise=noise, seed=seed)
-    made.reset()
-    return made, envs.envs[0].unwrapped
+def test_what_was_observed_visited_and_followed() -> None:
+    rollout = drawn_rollout()
+    observations, last = rollout.observations, rollout.last_observations[None]
+    following = torch.cat((observations[1:], last))
+    visited = torch.cat((observations, last)).flatten(0, 1)
+    following[rollout.ended] = rollout.final_observations
+    assert torch.equal(rollout.observed.expanded(), observations.flatten(0, 1))
+    assert torch.equal(rollout.visited.distinct, Rows.of(visited).distinct)
+    assert torch.equal(rollout.visited.expanded(), visited)
+    pairs = torch.stack((observations, following), dim=2).flatten(0, 1)
+    assert torch.equal(rollout.transitions.distinct, Rows.of(pairs.flatten(0, 1)).distinct)
+    assert torch.equal(rollout.transitions.expanded(), pairs)
+    assert torch.equal(rollout.next_observations, following)
 
 
-def held_still(observations: torch.Tensor) -> Decision:
-    return Decision(torch.zeros(1, 2), torch.zeros(1), torch.zeros(1))
-
-
-def test_action_noise_reaches_the_env_but_not_the_rollout() -> None:
-    made, env = noisy(seed=0)
-    rollout = made.collect(held_still)
-    assert not rollout.actions.any()
-    assert np.std(env.received) == pytest.approx(0.25, rel=0.15)
-
-
-def test_what_noise_makes_too_large_is_clipped() -> None:
-    made, env = noisy(seed=0, noise=5.0)
-    made.collect(held_still)
-    assert (np.min(env.received), np.max(env.received)) == (-1.0, 1.0)
-
-
-def test_action_noise_is_a_function_of_its_seed_and_goes_on_where_it_was_saved() -> None:
-    (first, ours), (second, theirs), (other, others) = noisy(seed=3), noisy(seed=3), noisy(seed=4)
-    for made in (first, second, other):
-        made.collect(held_still)
-    assert np.array_equal(ours.received, theirs.received)
-    assert not np.array_equal(ours.received, others.received)
-    other.load_state_dict(first.state_dict())
-    for made in (first, other):
-        made.collect(held_still)
-    assert np.array_equal(ours.received[100:], others.received[100:])
-
-
-def test_action_noise_is_refused_where_actions_are_not_continuous() -> None:
-    with pytest.raises(ValueError, match=r"action_noise=0.1 must be 0 where actions are in Discrete\(2\)"):
-        Collector(vector(*SCRIPTS), 4, CPU, action_noise=0.1)
-
-
-def test_earlier_observations_of_the_same_episode_are_joined_oldest_first() -> None:
-    made = Collector(vector(*SCRIPTS), 6, CPU, stack=2)
-    made.reset()
-    seen: list[list[list[float]]] = []
-
-    def act(observations: torch.Tensor) -> Decision:
-        seen.append(observations.tolist())
-        return Decision(torch.zeros(2, dtype=torch.int64), torch.zeros(2), torch.zeros(2))
-
-    rollout = made.collect(act)
-    assert rollout.observations[:, 0].tolist() == [
-        [0, 0, 0],
-        [0, 0, 1],
-        [0, 1, 2],
-        [100, 100, 100],
-        [100, 100, 101],
-        [200, 200, 200],
-    ]
-    assert rollout.final_observations.tolist() == [[1, 2, 3], [2, 3, 4], [100, 101, 102]]
-    assert rollout.last_observations.tolist() == [[200, 200, 201], [100, 101, 102]]
-    assert rollout.observations.tolist() == seen
-    alone, plain = rollout.newest(2), collector().collect(numbered_policy())
-    for name in ("observations", "last_observations", "final_observations", "next_observations"):
-        assert torch.equal(getattr(alone, name), getattr(plain, name)), name
-    assert plain.newest(0) is plain
-
-
-def test_joined_observations_have_a_space_of_their_own() -> None:
-    space = spaces.Box(np.float32([-1, 0]), np.float32([1, 5]))
-    assert stacked(space, 0) is space
-    assert stacked(space, 1) == spaces.Box(np.float32([-1, 0, -1, 0]), np.float32([1, 5, 1, 5]))
-    assert stacked(spaces.Box(0, 255, (7, 7, 3), np.uint8), 4) == spaces.Box(0, 255, (7, 7, 15), np.uint8)
-    with pytest.raises(ValueError, match=r"stack=1 must be 0 where observations are in Discrete\(3\)"):
-        stacked(spaces.Discrete(3), 1)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
-def test_other_ways_to_reset_are_refused(mode: str) -> None:
-    envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=2, autoreset_mode=mode)
-    with pytest.raises(ValueError, match=r"autoreset_mode=.*agents need .*SAME_STEP"):
-        Collector(envs, 4, CPU)
-
-
-def test_the_envs_are_reset_without_a_seed() -> None:
-    envs = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=2)
-    expected = gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=2)
-    for one in (envs, expected):
-        one.reset(seed=3)
-    made = Collector(envs, 1, CPU)
-    made.reset()
-    assert np.array_equal(made.state_dict()["observations"], expected.reset()[0])
+def test_a_rollout_is_hashed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    hashed, rollout, of = [], drawn_rollout(), Rows.of
+    monkeypatch.setattr(module.Rows, "of", lambda rows: hashed.append(len(rows)) or of(rows))
+    for _ in range(2):
+        _ = rollout.observed, rollout.visited, rollout.transitions
+    assert hashed == [30 * 3 + 3 + len(rollout.final_observations)]
+    _ = replace(rollout).observed
+    assert len(hashed) == 2

@@ -17,7 +17,7 @@ from torch import Tensor
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.rollout import Rollout
+from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.reachability import GroundTruth, LearnedReachability, ReachabilityConfig, judge_pairs
 from sprl_baselines.reachability.network import reachability_network
 from sprl_baselines.reachability.replay import Replay, Segments
@@ -103,8 +103,7 @@ def segments(draw: Any) -> Segments:
     st.integers(1, 30),
     st.integers(0, 20),
     st.integers(1, 6),
-    st.sampled_from(["episode", "narrow", "double"]),
-    st.sampled_from(["positive", "anchor"]),
+    st.sampled_from(["episode", "double"]),
     st.integers(0, 99),
 )
 def test_algorithm_1_keeps_to_its_ranges(
@@ -114,13 +113,12 @@ def test_algorithm_1_keeps_to_its_ranges(
     negative_bias: int,
     positive_bias: int,
     negatives: str,
-    next_anchor: str,
     seed: int,
 ) -> None:
     ranges = training_ranges(k, tolerance, negative_bias, negatives)
-    triplets = walk(segments, ranges, positive_bias, generator(seed), next_anchor)
+    triplets = walk(segments, ranges, positive_bias, generator(seed))
     least = k + negative_bias + (tolerance if negatives == "double" else 0)
-    most = {"episode": 10**6, "narrow": least + int(0.1 * least), "double": least + negative_bias}[negatives]
+    most = {"episode": 10**6, "double": least + negative_bias}[negatives]
     by_stretch: dict[int, list[tuple[int, int]]] = {}
     for anchor, positive, negative in zip(*map(Tensor.tolist, triplets), strict=True):
         [home] = [
@@ -135,12 +133,10 @@ def test_algorithm_1_keeps_to_its_ranges(
         pairs = by_stretch.get(start, [])
         assert bool(pairs) == (length > least)  # the first state is an anchor where there is room
         assert not pairs or pairs[0][0] == start
-        for (before, positive), (anchor, _) in itertools.pairwise(pairs):
-            skipped = anchor - (positive if next_anchor == "positive" else before + 1)
-            assert 1 <= skipped <= positive_bias
+        for (_, positive), (anchor, _) in itertools.pairwise(pairs):
+            assert 1 <= anchor - positive <= positive_bias
         if pairs:  # and the last anchor is the last with room
-            last = pairs[-1][1] if next_anchor == "positive" else pairs[-1][0] + 1
-            assert last + positive_bias + least >= start + length
+            assert pairs[-1][1] + positive_bias + least >= start + length
 
 
 def test_every_place_in_a_range_is_drawn() -> None:
@@ -151,15 +147,14 @@ def test_every_place_in_a_range_is_drawn() -> None:
     assert offsets == [{0}, {1, 2, 3}, {5, 6, 7}]
 
 
-@pytest.mark.parametrize(("next_anchor", "second"), [("positive", {2, 3, 4, 5, 6}), ("anchor", {2, 3, 4})])
-def test_the_second_anchor_is_any_of_those_after_the_first(next_anchor: str, second: set[int]) -> None:
-    """Up to three steps after the positive, which lies 1 to 3 after the first anchor; or 2 to 4 after that itself."""
+def test_the_second_anchor_is_any_of_those_after_the_first() -> None:
+    """Up to three steps after the positive, which lies 1 to 3 after the first anchor."""
     starts = 100 * torch.arange(2000)
-    triplets = walk(Segments(starts, torch.full((2000,), 12)), Ranges((1, 3), (5, 7)), 3, generator(), next_anchor)
+    triplets = walk(Segments(starts, torch.full((2000,), 12)), Ranges((1, 3), (5, 7)), 3, generator())
     found: dict[int, int] = {}
     for anchor in triplets.anchors[2000:].tolist():  # the first of each stretch come first
         found.setdefault(anchor // 100, anchor % 100)
-    assert set(found.values()) == second
+    assert set(found.values()) == {2, 3, 4, 5, 6}
 
 
 def test_accuracy_is_measured_in_the_bands_of_appendix_b1() -> None:
@@ -188,9 +183,7 @@ def test_scattered_anchors_have_room(segments: Segments, seed: int) -> None:
 
 def line_network() -> Any:
     space = spaces.Box(-1, 1, (3,), np.float32)
-    made = reachability_network(
-        space, generator(), grid_encoding="scaled", embedding_units=4, layers=2, units=5, pair_input="pair"
-    )
+    made = reachability_network(space, generator(), embedding_units=4, layers=2, units=5, pair_input="pair")
     made.first.bias.data.normal_(generator=generator(1))
     return made.eval()
 
@@ -207,7 +200,7 @@ def test_the_difference_of_grids_goes_through_the_convolutions() -> None:
     """Appendix F.4: the input is (later, later - earlier), number by number, negative ones included."""
     space = spaces.Box(0, 255, (7, 7, 3), np.uint8)
     network = reachability_network(
-        space, generator(), grid_encoding="scaled", embedding_units=8, layers=2, units=5, pair_input="difference"
+        space, generator(), embedding_units=8, layers=2, units=5, pair_input="difference"
     ).eval()
     states = torch.randint(11, (6, 7, 7, 3), generator=generator(2), dtype=torch.uint8)
     earlier, later = torch.tensor([0, 1, 5, 2]), torch.tensor([3, 0, 4, 2])
@@ -219,9 +212,7 @@ def test_the_difference_of_grids_goes_through_the_convolutions() -> None:
 
 def test_the_flat_network_is_that_of_appendix_g4() -> None:
     space = spaces.Box(-1, 1, (16,), np.float32)
-    network = reachability_network(
-        space, generator(), grid_encoding="scaled", embedding_units=1, layers=4, units=512, pair_input="pair"
-    )
+    network = reachability_network(space, generator(), embedding_units=1, layers=4, units=512, pair_input="pair")
     kinds = [type(module).__name__ for module in network.rest]
     assert kinds == ["BatchNorm1d", "ReLU", "Linear"] * 4
     weights = [network.first, *(module for module in network.rest if isinstance(module, torch.nn.Linear))]
@@ -229,11 +220,10 @@ def test_the_flat_network_is_that_of_appendix_g4() -> None:
 
 
 def test_other_observations_are_refused() -> None:
-    with pytest.raises(ValueError, match="No reachability network for observations in Discrete"):
+    with pytest.raises(ValueError, match=r"observation_space is Discrete.*; it must be"):
         reachability_network(
             spaces.Discrete(3),
             generator(),
-            grid_encoding="scaled",
             embedding_units=1,
             layers=1,
             units=1,
@@ -261,7 +251,7 @@ class Counting:
 
 def test_repeated_states_and_pairs_are_judged_once() -> None:
     counting = Counting()
-    judge = judge_pairs(counting, torch.tensor([[5.0], [9.0], [5.0], [9.0]]))  # type: ignore[arg-type]
+    judge = judge_pairs(counting, Rows.of(torch.tensor([[5.0], [9.0], [5.0], [9.0]])))  # type: ignore[arg-type]
     answers = judge(torch.tensor([0, 2, 0, 1]), torch.tensor([1, 3, 2, 0]))
     assert answers.tolist() == pytest.approx([0.04, 0.04, 0.0, 0.04])
     assert (counting.states, counting.pairs) == (2, 3)
@@ -283,7 +273,7 @@ def test_the_ground_truth_is_the_solvers() -> None:
 
 
 def test_the_ground_truth_needs_a_grid() -> None:
-    with pytest.raises(ValueError, match="Ground-truth reachability needs a grid world's observations"):
+    with pytest.raises(ValueError, match=r"observation_space is Box.*; it must be \(S, S, 3\)"):
         GroundTruth(LINE, k=2)
 
 
@@ -429,22 +419,19 @@ def test_accuracy_is_measured_on_what_no_training_has_seen(monkeypatch: pytest.M
     ]
 
 
-@pytest.mark.parametrize("negatives", ["episode", "narrow", "double"])
-@pytest.mark.parametrize("next_anchor", ["positive", "anchor"])
-def test_training_draws_as_its_settings_say(negatives: str, next_anchor: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    learned = learner(
-        k=4, tolerance=3, negative_bias=6, positive_bias=3, negatives=negatives, next_anchor=next_anchor, max_pairs=40
-    )
+@pytest.mark.parametrize("negatives", ["episode", "double"])
+def test_training_draws_as_its_settings_say(negatives: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    learned = learner(k=4, tolerance=3, negative_bias=6, positive_bias=3, negatives=negatives, max_pairs=40)
     asked = []
 
-    def spy(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator, then: str) -> Any:
-        asked.append((ranges, positive_bias, then))
-        return walk(segments, ranges, positive_bias, generator, then)
+    def spy(segments: Segments, ranges: Ranges, positive_bias: int, generator: torch.Generator) -> Any:
+        asked.append((ranges, positive_bias))
+        return walk(segments, ranges, positive_bias, generator)
 
     monkeypatch.setattr("sprl_baselines.reachability.learned.walk", spy)
     learned.update(walk_along_a_line(100, 2))
     assert len(learned._draw().anchors) == 20
-    assert asked == [(training_ranges(4, 3, 6, negatives), 3, next_anchor)]
+    assert asked == [(training_ranges(4, 3, 6, negatives), 3)]
 
 
 def test_learning_on_leaves_a_loaded_state_as_it_was() -> None:
@@ -474,18 +461,14 @@ def test_weights_decay_and_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"pair_batch": 128, "max_pairs": 100}, "pair_batch=128 must be at most max_pairs, 100"),
+        ({"pair_batch": 128, "max_pairs": 100}, "pair_batch is 128; it must be at most max_pairs, 100"),
         (
             {"replay_size": 44},
-            "replay_size=44 must be more than 44, num_envs times the 22 steps to the nearest negative",
+            "replay_size is 44; it must be more than 44, num_envs times the 22 steps to the nearest negative",
         ),
         (
             {"replay_size": 46, "negatives": "double"},
-            "replay_size=46 must be more than 46, num_envs times the 23 steps to the nearest negative",
-        ),
-        (
-            {"pair_input": "difference", "reachability_grid_encoding": "one-hot"},
-            "reachability_grid_encoding='one-hot' must be 'scaled' where pair_input is 'difference'",
+            "replay_size is 46; it must be more than 46, num_envs times the 23 steps to the nearest negative",
         ),
     ],
 )
