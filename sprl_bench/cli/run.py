@@ -73,8 +73,9 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
     """Show the table of these runs, where they lie, and what to type next; return the exit status."""
     from sprl_bench.cli.table import print_tables
     from sprl_bench.records import RunRecord, read
+    from sprl_bench.records.folder import ERROR, RECORD, run_path
 
-    there = [path for spec in specs if (path := spec.path(out) / "record.json").exists()]
+    there = [path for spec in specs if (path := spec.path(out) / RECORD).exists()]
     records = [read(path, RunRecord) for path in there]
     complete = any(record.status == "complete" for record in records)
     if complete:
@@ -85,12 +86,12 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)
     if complete:
         for suite in sorted({spec.suite for spec in specs}):
-            typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
+            typer.echo(f"Records: {out / run_path(suite, '*', '*', '*') / RECORD}")
         typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
         typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
     if failed:
         print(
-            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; error.txt in their folders tells more, and "
+            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; {ERROR} in their folders tells more, and "
             "the same command tries them again.",
             file=sys.stderr,
         )

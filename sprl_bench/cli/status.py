@@ -46,6 +46,6 @@ def _progress(state: RunState) -> str:
     spec = state.spec
     speed = f", {state.steps_per_second:,.0f} steps/s, {duration(state.seconds_left)} left"
     return (
-        f"{state.status:<11}  {spec.suite}/{spec.task.name}/{spec.agent}/seed-{spec.seed}  "
+        f"{state.status:<11}  {spec.path(Path())}  "
         f"{state.env_steps:,} of {spec.task.budget:,} environment steps{speed if state.status == 'running' else ''}"
     )

@@ -5,17 +5,17 @@
 from __future__ import annotations
 
 import os
-import platform
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from sprl_bench.extras import EXTRAS, Extra, advice
+from sprl_bench.provenance import surroundings
+from sprl_bench.shipped import find_shipped
 
 BROKEN, INCOMPARABLE, UNKNOWN, SOUND = "x", "!", "?", " "
 NO_PICTURES = (
@@ -57,8 +57,7 @@ def examine() -> list[Finding]:
     pins = pinned_versions()
     answers = probe()
     return [
-        Finding("python", platform.python_version()),
-        Finding("platform", "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")),
+        *(Finding(name, found) for name, found in surroundings().items()),
         Finding("sprl-bench", version("sprl-bench")),
         *(_package(name, pins) for name in SCORED_PACKAGES if name != "sprl-bench"),
         *(_extra(name, extra) for name, extra in EXTRAS.items()),
@@ -131,8 +130,6 @@ TRIED: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Finding]]] = Mappin
 
 def pinned_versions() -> dict[str, str]:
     """Return the versions that scored runs use, by package: those of constraints.txt, in a checkout or a wheel."""
-    package = Path(__file__).parents[1]
-    places = (package.parent / "constraints.txt", package / "_constraints.txt")
-    text = next((place.read_text() for place in places if place.exists()), "")
-    pins = re.findall(r"^([A-Za-z0-9._-]+)==([^\s;#]+)", text, re.MULTILINE)
+    file = find_shipped("constraints.txt")
+    pins = re.findall(r"^([A-Za-z0-9._-]+)==([^\s;#]+)", file.read_text() if file.exists() else "", re.MULTILINE)
     return {name.lower().replace("_", "-"): pinned for name, pinned in pins}

@@ -24,6 +24,7 @@ from sprl_bench.records import (
     Scores,
     TaskSpec,
     check_scores,
+    gather,
     hyperparameters_hash,
 )
 from sprl_bench.tables import SCORED_PACKAGES, Result
@@ -172,26 +173,4 @@ class Entry(Data):
 
     def results(self) -> Sequence[Result]:
         """Return one result a run, as tables take them."""
-        return [
-            Result(
-                suite=self.suite,
-                suite_version=self.suite_version,
-                task=entry.task,
-                agent=self.agent,
-                privileged=self.privileged,
-                seed=result.seed,
-                num_envs=entry.num_envs,
-                hyperparameters=entry.hyperparameters,
-                fingerprint=entry.fingerprint,
-                versions=self.versions,
-                builds=self.git_commits,
-                codes=self.agent_codes,
-                device=result.device,
-                torch_threads=result.torch_threads,
-                abandoned_share=result.abandoned_share,
-                return_curve=result.return_curve,
-                scores=result.scores,
-            )
-            for entry in self.tasks
-            for result in entry.results
-        ]
+        return [gather(Result, self, entry, result) for entry in self.tasks for result in entry.results]

@@ -11,6 +11,7 @@ from pathlib import Path
 from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.submission import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
+from sprl_bench.shipped import find_shipped
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import IncomparableError, Table, check_comparable, tabulate_results
 from sprl_bench.tasks import SUITES
@@ -26,9 +27,7 @@ class OutdatedEntryError(InvalidFileError):
 
 def home() -> Path:
     """Return the folder of the published boards: the checkout's own, or the copy in an installed wheel."""
-    package = Path(__file__).parents[1]
-    checkout = package.parent / "leaderboards"
-    return checkout if (checkout / SCHEMA).exists() else package / "_leaderboards"
+    return find_shipped(f"leaderboards/{SCHEMA}").parent
 
 
 def own_home() -> Path:

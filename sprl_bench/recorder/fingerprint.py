@@ -22,6 +22,7 @@ from gymnasium import Space, spaces
 from gymnasium.envs.registration import make_vec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from sprl_bench.actions import uniform_actions
 from sprl_bench.recorder.golden import GOLDEN
 from sprl_bench.records import TaskSpec
 
@@ -83,12 +84,11 @@ def _step(envs: VectorEnv[Any, Any, Any], actions: Any) -> tuple[Any, ...]:
 
 
 def _random_actions(space: Space[Any], generator: np.random.Generator) -> Any:
-    if isinstance(space, spaces.Discrete):
-        return space.start + generator.integers(space.n, size=NUM_ENVS)
-    if isinstance(space, spaces.Box) and space.is_bounded():
-        return generator.uniform(space.low, space.high, (NUM_ENVS, *space.shape)).astype(space.dtype)
-    space.seed(int(generator.integers(2**31)))
-    return tuple(space.sample() for _ in range(NUM_ENVS))
+    try:
+        return uniform_actions(space, NUM_ENVS, generator)
+    except ValueError:  # another kind of space has its own way to sample
+        space.seed(int(generator.integers(2**31)))
+        return tuple(space.sample() for _ in range(NUM_ENVS))
 
 
 def _take_in(digest: Any, value: Any) -> None:

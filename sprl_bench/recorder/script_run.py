@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 import gymnasium
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench import provenance
+from sprl_bench.provenance import Provenance
 from sprl_bench.recorder.episodes import EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.recorder.identity import choose_task, identify
@@ -68,8 +68,7 @@ class ScriptRun:
         self.held = False  # whether it goes on when all its environments are closed
         self.final = False  # whether its record has been written
         fingerprint(spec.task)  # now, for the same reason
-        provenance.git_commit()  # is remembered from here on: files may change until the end
-        self._code = provenance.agent_code(spec.source)
+        self._provenance = Provenance.take(spec.source)
         self._owned = contextlib.ExitStack()
         self._owned.enter_context(lock(folder))
         self._owned.callback(_LIVE.pop, folder)
@@ -143,10 +142,10 @@ class ScriptRun:
         self.final = True
         with self._owned:
             if self._log.env_steps:
-                known_by_now = {"num_envs": self._log.num_stepped, **provenance.computing()}
-                spec = self.spec.model_copy(update=known_by_now)
+                made = self._provenance.completed()
+                known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}
                 wall_time_s = time.perf_counter() - self._started
-                write_result(self.folder, spec, self._log, wall_time_s=wall_time_s, agent_code=self._code)
+                write_result(self.folder, self.spec.model_copy(update=known), self._log, made, wall_time_s=wall_time_s)
                 self._report()
 
     def _warn_of_width(self, num_envs: int) -> None:

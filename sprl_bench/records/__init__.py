@@ -18,6 +18,7 @@ from sprl_bench.records.types import (
     check_scores,
     differences,
     find_records,
+    gather,
     hyperparameters_hash,
 )
 
@@ -38,6 +39,7 @@ __all__ = [
     "check_scores",
     "differences",
     "find_records",
+    "gather",
     "hyperparameters_hash",
     "locate",
     "read",

@@ -1,4 +1,4 @@
-"""A run's folder: what lies in it, and that one process at a time writes there."""
+"""A run's folder: its path, the names of its files, and the lock that lets one process at a time write there."""
 
 from __future__ import annotations
 
@@ -21,7 +21,17 @@ ERROR: Final = "error.txt"
 OUTPUT: Final = "output.txt"
 LOCK: Final = ".lock"
 
-PATIENCE_S: Final = 0.5  # looking whether a lock is held takes it for a moment
+PATIENCE_S: Final = 0.5  # `is_locked` takes the lock for a moment
+
+
+def run_path(suite: str, task: str, agent: str, seed: int | str) -> Path:
+    """Return a run's folder, relative to the root of all runs; each part may be a pattern such as "*"."""
+    return Path(suite, task, agent, f"seed-{seed}")
+
+
+def seeds_beside(folder: Path) -> list[Path]:
+    """Return the folders of all seeds of a run's suite, task and agent, its own included."""
+    return sorted(folder.parent.glob(run_path("", "", "", "*").name))
 
 
 class LockedError(RuntimeError):

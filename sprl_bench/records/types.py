@@ -11,13 +11,14 @@ import json
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
 
 from sprl_bench import scores
 from sprl_bench.records.files import Data, first_complaint, read
+from sprl_bench.records.folder import RECORD, run_path
 from sprl_bench.tasks import Suite, Task
 
 SHOWN_LETTERS = 60
@@ -65,6 +66,22 @@ Json = Annotated[JsonValue, AfterValidator(_finite)]
 Curve = Annotated[tuple[Bounded, ...], Field(min_length=scores.BINS, max_length=scores.BINS, strict=False)]
 
 
+Kind = TypeVar("Kind")
+
+
+def gather(kind: type[Kind], *sources: object, **others: Any) -> Kind:
+    """Make a value of a dataclass or a `Data` whose fields come by name from the first source that has them.
+
+    Args:
+        kind: What to make.
+        sources: Values with attributes; those that are no fields of `kind` are left out.
+        others: Fields that no source has, or that are not what it has.
+    """
+    names = getattr(kind, "__dataclass_fields__", None) or getattr(kind, "model_fields", {})
+    found = {name: getattr(source, name) for source in reversed(sources) for name in names if hasattr(source, name)}
+    return kind(**{**found, **others})
+
+
 class TaskSpec(Data):
     """A task as it was when the run was made."""
 
@@ -85,14 +102,7 @@ class TaskSpec(Data):
     @classmethod
     def of(cls, task: Task) -> Self:
         """Return the written form of a row of the task table."""
-        return cls(
-            name=task.name,
-            env_id=task.env_id,
-            budget=task.budget,
-            domain=task.domain,
-            arguments=dict(task.arguments),
-            score_range=task.score_range,
-        )
+        return gather(cls, task, arguments=dict(task.arguments))
 
 
 def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
@@ -161,7 +171,7 @@ class RunSpec(Data):
 
     def path(self, root: Path) -> Path:
         """Return the folder of this run under `root`."""
-        return root / self.suite / self.task.name / self.agent / f"seed-{self.seed}"
+        return root / run_path(self.suite, self.task.name, self.agent, self.seed)
 
 
 def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
@@ -259,6 +269,16 @@ class RunRecord(Data):
     wall_time_s: Amount
     peak_memory_mib: Amount
 
+    @property
+    def git_commits(self) -> tuple[str, ...]:
+        """The commit as an entry lists it; none for an installed wheel."""
+        return (self.git_commit,) if self.git_commit else ()
+
+    @property
+    def agent_codes(self) -> tuple[str, ...]:
+        """The hash of the agent's own file as an entry lists it; none for an installed agent."""
+        return (self.agent_code,) if self.agent_code else ()
+
     @model_validator(mode="after")
     def _scores_follow(self) -> Self:
         check_scores(self.spec.task, self.return_curve, self.success_curve, self.scores)
@@ -292,4 +312,4 @@ def find_records(root: Path) -> list[RunRecord]:
     """
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    return [read(path, RunRecord) for path in sorted(root.rglob("record.json"))]
+    return [read(path, RunRecord) for path in sorted(root.rglob(RECORD))]

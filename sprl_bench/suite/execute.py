@@ -15,8 +15,9 @@ from typing import Final, Literal
 
 from sprl_bench.executors import Executor, WorkerDiedError
 from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
-from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked
-from sprl_bench.run import InterruptedRunError, SpecChangedError, find_finished, run
+from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked, seeds_beside
+from sprl_bench.resume import SpecChangedError, find_finished
+from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.tasks import too_wide
 
 logger = logging.getLogger("sprl_bench")
@@ -139,7 +140,7 @@ def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
     """Refuse specs that differ in more than the seed from what lies under the same suite, task and agent."""
     changed = []
     for spec in {_key(spec)[:3]: spec for spec in specs}.values():
-        for place, other in _begun(spec.path(out).parent):
+        for place, other in _begun(spec.path(out)):
             lines = differences(other.model_copy(update={"seed": spec.seed}), spec)
             changed += [f"{place}: {line}" for line in lines]
     if changed:
@@ -158,8 +159,8 @@ def _warn_of_width(specs: Sequence[RunSpec]) -> None:
 
 
 def _begun(folder: Path) -> Iterator[tuple[Path, RunSpec]]:
-    """Yield the folder and the spec of each of an agent's runs that has come to something or is worked on."""
-    for place in sorted(folder.glob("seed-*")):
+    """Yield the folder and the spec of each seed beside `folder` that has results or is running."""
+    for place in seeds_beside(folder):
         if (place / RECORD).exists():
             yield place, read(place / RECORD, RunRecord).spec
         elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):

@@ -71,7 +71,7 @@ def _state(folder: Path) -> RunState:
     place = spec.path(Path())
     if folder.parts[-len(place.parts) :] != place.parts:
         raise InvalidFileError(f"{folder} holds the run that belongs in {place}; move it there, or remove it.")
-    return state_of(spec, folder.parents[3])
+    return state_of(spec, folder.parents[len(place.parts) - 1])
 
 
 def _progress(path: Path) -> tuple[int, float]:

@@ -148,7 +148,7 @@ def _build_notes(results: Sequence[Result]) -> list[str]:
 
 def _build(result: Result) -> str:
     """Return the commits in short, as in "0123456789-dirty"."""
-    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.builds)) or "no checkout"
+    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.git_commits)) or "no checkout"
 
 
 def _code_notes(results: Sequence[Result]) -> list[str]:
@@ -156,7 +156,7 @@ def _code_notes(results: Sequence[Result]) -> list[str]:
     return [
         f"The code of {agent} changed between its runs: {', '.join(codes)}."
         for agent, runs in _grouped(results, lambda result: result.agent)
-        if len(codes := sorted({code for run in runs for code in run.codes})) > 1
+        if len(codes := sorted({code for run in runs for code in run.agent_codes})) > 1
     ]
 
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from pydantic import JsonValue
 
-from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
+from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec, gather
+from sprl_bench.records.folder import run_path
 from sprl_bench.tasks import CUSTOM, SUITES
 
 SHOWN_HOLES = 8
@@ -35,8 +36,8 @@ class Result:
     hyperparameters: Mapping[str, JsonValue]
     fingerprint: str
     versions: Mapping[str, str]
-    builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
-    codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
+    git_commits: tuple[str, ...]  # of this package's checkout; none for an installed wheel
+    agent_codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
     device: str
     torch_threads: int
     abandoned_share: float  # of the episodes, those that were reset before their end
@@ -46,26 +47,7 @@ class Result:
     @classmethod
     def of(cls, record: RunRecord) -> Result:
         """Return the part of a run's record that tables need."""
-        spec = record.spec
-        return cls(
-            suite=spec.suite,
-            suite_version=spec.suite_version,
-            task=spec.task,
-            agent=spec.agent,
-            privileged=spec.privileged,
-            seed=spec.seed,
-            num_envs=spec.num_envs,
-            hyperparameters=spec.hyperparameters,
-            fingerprint=record.fingerprint,
-            versions=record.versions,
-            builds=(record.git_commit,) if record.git_commit else (),
-            codes=(record.agent_code,) if record.agent_code else (),
-            device=spec.device,
-            torch_threads=spec.torch_threads,
-            abandoned_share=record.totals.abandoned_share,
-            return_curve=record.return_curve,
-            scores=record.scores,
-        )
+        return gather(cls, record, record.spec, record.totals)
 
 
 @dataclass(frozen=True, order=True)
@@ -78,7 +60,7 @@ class Hole:
 
     def __str__(self) -> str:
         """Return the run's path below its suite."""
-        return f"{self.task}/{self.agent}/seed-{self.seed}"
+        return str(run_path("", self.task, self.agent, self.seed))
 
 
 def split_suites(results: Iterable[Result]) -> list[list[Result]]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cli_calls import Capture, call, refused
-from sprl_bench import records
+from sprl_bench import records, shipped
 from sprl_bench.agents import agent_names
 from sprl_bench.envs import IDS
 from sprl_bench.records import RunRecord
@@ -295,10 +295,7 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
 def test_an_entry_is_never_written_into_an_installed_package(
     capsys: Capture, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sprl_bench.leaderboard import store
-
-    installed = tmp_path / "site" / "sprl_bench" / "leaderboard" / "store.py"
-    monkeypatch.setattr(store, "__file__", str(installed))
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "site" / "sprl_bench" / "shipped.py"))
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     add = ["leaderboard", "add", runs, "--agent", "ppo", *SCORE]
