@@ -37,12 +37,11 @@ def make_spec(
     agent: str = "harness_fakes:walker", budget: int = BUDGET, seed: int = 0, num_envs: int = 3, **overrides: Any
 ) -> RunSpec:
     factory = load_factory(agent)
-    if "num_envs" in resolve_hyperparameters(factory, "grid", {}):
-        overrides = {**overrides, "num_envs": num_envs}
+    hyperparameters, num_envs = resolve_hyperparameters(factory, "grid", {**overrides, "num_envs": num_envs})
     return RunSpec.of(
         CUSTOM,
         with_budget(find_suite("smoke").tasks[0], budget),
-        hyperparameters=resolve_hyperparameters(factory, "grid", overrides),
+        hyperparameters=hyperparameters,
         agent=agent.partition(":")[2] or agent,
         source=agent,
         privileged=False,

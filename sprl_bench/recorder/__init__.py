@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sprl_bench.recorder.episodes import EpisodeLog
-from sprl_bench.recorder.scripts import Recording, record, recording
+from sprl_bench.recorder.scripts import record, recording
 from sprl_bench.recorder.wrappers import EnvRecorder, VectorRecorder
 
-__all__ = ["EnvRecorder", "EpisodeLog", "Recording", "VectorRecorder", "record", "recording"]
+__all__ = ["EnvRecorder", "EpisodeLog", "VectorRecorder", "record", "recording"]

@@ -43,8 +43,6 @@ def test_an_agent_with_another_preset_is_an_agent_of_its_own() -> None:
     assert (table.agent, ablation.agent) == ("sprl", "sprl@ablation")
     assert (table.source, ablation.source) == ("sprl", "sprl")
     assert (table.hyperparameters["k"], ablation.hyperparameters["k"]) == (2, 5)
-    (spec,) = expand(SMOKE, ["sprl"], [0], overrides={"preset": "ablation"})
-    assert (spec.agent, spec.hyperparameters) == ("sprl", ablation.hyperparameters)
     (spec,) = expand(SMOKE, ["sprl@ablation"], [0], overrides={"k": 3})
     assert spec.hyperparameters == {**ablation.hyperparameters, "k": 3}
 
@@ -125,9 +123,9 @@ def test_privileged_agents_are_marked() -> None:
         ({"agents": ["sprl@ablatoin"]}, "'ablatoin'; did you mean 'ablation'"),
         ({"agents": ["spr@ablation"]}, "Unknown agent 'spr'; did you mean 'sprl'"),
         ({"agents": ["sprl@"]}, "agents holds 'sprl@'; after the @ comes the name of a preset"),
-        ({"agents": ["random@table"]}, "Unknown hyperparameter 'preset'"),
-        ({"agents": [f"{WALKER}@table"]}, f"Agent '{WALKER}' has no presets, so none that is called 'table'"),
-        ({"agents": ["sprl@ablation"], "overrides": {"preset": "table"}}, "preset is given twice: as @ablation"),
+        ({"agents": ["random@table"]}, "preset is 'table'; it must be left out, as this agent has no presets"),
+        ({"agents": [f"{WALKER}@table"]}, "preset is 'table'; it must be left out, as this agent has no presets"),
+        ({"agents": ["sprl"], "overrides": {"preset": "table"}}, "must be named behind the agent, as in AGENT@table"),
         ({"agents": ["pppo"]}, "Unknown agent 'pppo'; did you mean 'ppo'"),
         ({"tasks": ["FourRooms"]}, "Unknown task of suite 'smoke': 'FourRooms'; did you mean 'FourRooms-7x7'"),
         ({"overrides": {"rolout": 3}}, "Unknown hyperparameter 'rolout'; did you mean 'rollout'"),
