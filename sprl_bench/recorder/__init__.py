@@ -1,4 +1,4 @@
-"""The only writer of scores: episodes as the environment gave them, and the record they come to."""
+"""The only writer of scores: from the environment's own episodes to a run's record."""
 
 from __future__ import annotations
 

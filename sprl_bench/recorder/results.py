@@ -1,4 +1,4 @@
-"""From a log of episodes to a run's record on disk."""
+"""From a log of episodes to a run's record in its folder."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _parquet(log: EpisodeLog) -> bytes:
 
 
 def _column(values: npt.NDArray[Any]) -> Any:
-    """Return an Arrow array made of raw memory: any other way loads pandas, which fails when the process is ending."""
+    """Return an Arrow array of raw memory: every other way loads pandas, which fails at interpreter exit."""
     import pyarrow  # noqa: PLC0415 - as above
 
     packed = np.packbits(values, bitorder="little") if values.dtype == np.bool_ else np.ascontiguousarray(values)

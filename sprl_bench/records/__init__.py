@@ -1,4 +1,4 @@
-"""What is written to disk: one run's record and what it was a run of, checked whenever it is read."""
+"""The files of a run: its spec and its record, checked whenever they are read."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The types of what is written to disk: one run's record, and what it was a run of.
+"""The types of a run's files: its spec and its record.
 
 Plain data, checked when read: unknown keys, numbers that are not finite, and scores that do not follow from their own
-curve are refused with one line that names the place.
+curve are refused with one sentence that names the key.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
 
 
 def _file_name(name: str) -> str:
-    """Refuse what cannot name a file everywhere, or what a spreadsheet would take for a formula."""
+    """Refuse a name that is no file name on some system, or a formula in a spreadsheet."""
     sound = (name[0].isalnum() or name[0] == "_") and not name.endswith(".") and name == name.strip()
     if not sound or set(name) & set('/\\:"<>|?*') or len(name.encode()) > LONGEST_NAME:
         raise ValueError(
-            f"{name!r} cannot name a folder everywhere: begin with a letter, digit or _, end in no dot or space, use "
-            f'none of / \\ : " < > | ? * and at most {LONGEST_NAME} bytes'
+            f"{name!r} cannot name a folder on every system: it must begin with a letter, digit or _, not end in a dot "
+            f'or space, have none of / \\ : " < > | ? * and at most {LONGEST_NAME} bytes'
         )
     return name
 
@@ -106,7 +106,7 @@ class TaskSpec(Data):
 
 
 def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
-    """Return 16 hexadecimal digits that follow from the names and values alone, whatever their order."""
+    """Return 16 hexadecimal digits that depend on the names and values, not on their order."""
     text = json.dumps(hyperparameters, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -128,7 +128,7 @@ def _plain(name: Any, value: Any) -> Any:
 
 
 class RunSpec(Data):
-    """A run as a value: all that its scores follow from, apart from the code and its versions."""
+    """A run as a value: all that its scores depend on, apart from the code and its versions."""
 
     suite: Name
     suite_version: Count
@@ -151,7 +151,7 @@ class RunSpec(Data):
 
     @classmethod
     def of(cls, suite: Suite, task: Task, *, hyperparameters: Mapping[str, Any], **rest: Any) -> Self:
-        """Return the spec of a run of one task of a suite; `rest` are the other fields.
+        """Return the spec of a run of one task of a suite; `rest` holds the other fields.
 
         Raises:
             ValueError: A field has a value that is not allowed; the message is one line that names it.
@@ -194,7 +194,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 class Scores(Data):
-    """What a run's two curves come to; a function of them."""
+    """A run's scores, a function of its two curves."""
 
     auc: Bounded
     final: Bounded
@@ -229,7 +229,7 @@ class Totals(Data):
 
     @property
     def abandoned_share(self) -> float:
-        """Which share of the episodes was reset before its end."""
+        """Share of the episodes that were reset before their end."""
         return min(1.0, self.abandoned / self.episodes) if self.episodes else 0.0
 
     @model_validator(mode="after")
@@ -240,7 +240,7 @@ class Totals(Data):
 
 
 class Hardware(Data):
-    """The machine; of two with the same kind of processor, no score depends on it on a CPU."""
+    """The machine; on a CPU, scores depend on its processor model at most."""
 
     cpu: Line
     cores: Count
@@ -249,7 +249,7 @@ class Hardware(Data):
 
 
 class RunRecord(Data):
-    """One run: what it was, what came of it, and what it ran on."""
+    """One run: its spec, its scores, and its provenance."""
 
     schema_version: Literal[1] = 1
     spec: RunSpec

@@ -1,4 +1,4 @@
-"""From results to what people read: which may stand side by side, means with their intervals, five formats."""
+"""From results to tables: which results are comparable, means with their intervals, five formats."""
 
 from __future__ import annotations
 
