@@ -1,4 +1,4 @@
-"""Where agents compute: what may be asked for, and whether it is here."""
+"""The devices that agents compute on: their names, and whether this machine has them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 
 
 def resolve_device(device: str) -> str:
-    """Return the device that is meant: "auto" is a GPU if there is one here.
+    """Return the device itself: "auto" is a GPU if there is one here.
 
     Raises:
         ValueError: There is no such name.
@@ -20,10 +20,10 @@ def resolve_device(device: str) -> str:
 
 
 def require_device(device: str) -> None:
-    """Refuse a GPU that this machine does not have, before any run is begun.
+    """Refuse a GPU that this machine does not have.
 
     Raises:
-        ValueError: There is no such device here; the message says what there is.
+        ValueError: There is no such device here; the message lists those there are.
     """
     kind, _, number = resolve_device(device).partition(":")
     gpus = _gpus() if kind == "cuda" else 0
@@ -33,7 +33,7 @@ def require_device(device: str) -> None:
 
 
 def _gpus() -> int:
-    """Return how many GPUs torch finds, 0 where torch is not installed."""
+    """Return how many GPUs torch finds; 0 without torch."""
     if importlib.util.find_spec("torch") is None:
         return 0
     import torch  # noqa: PLC0415 - it loads slowly, and only this question needs it
