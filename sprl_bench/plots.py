@@ -18,15 +18,7 @@ import numpy as np
 from sprl_bench import scores
 from sprl_bench.records import RunRecord, RunSpec, write_bytes
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import (
-    BOOTSTRAP_SEED,
-    MissingRunsError,
-    Result,
-    Table,
-    tabulate,
-    tabulate_results,
-    task_names,
-)
+from sprl_bench.tables import BOOTSTRAP_SEED, MissingRunsError, Result, Table, tabulate, tabulate_results, task_names
 
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes

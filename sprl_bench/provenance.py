@@ -157,10 +157,7 @@ def agent_code(source: str) -> str | None:
 def hardware() -> Hardware:
     """Return a description of this machine."""
     return Hardware(
-        cpu=_cpu(),
-        cores=os.cpu_count() or 1,
-        memory_gib=round(psutil.virtual_memory().total / 2**30, 1),
-        gpu=_gpu(),
+        cpu=_cpu(), cores=os.cpu_count() or 1, memory_gib=round(psutil.virtual_memory().total / 2**30, 1), gpu=_gpu()
     )
 
 

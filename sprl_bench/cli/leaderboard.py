@@ -89,13 +89,7 @@ def add(
     check_choice("status", status, ("reported", "reproduced"))
     records, planned = _runs_of(runs, seeds)
     entry = leaderboard.make_entry(
-        records,
-        agent=agent,
-        authors=authors,
-        link=link,
-        suite=suite,
-        status=cast("Status", status),
-        planned=planned,
+        records, agent=agent, authors=authors, link=link, suite=suite, status=cast("Status", status), planned=planned
     )
     path = leaderboard.add_entry(entry, home or leaderboard.own_home(), replace=replace)
     typer.echo(f"Wrote {path}.", err=True)

@@ -10,11 +10,7 @@ from sprl_bench.cli.options import Agents, AllowMissing, Picture, Runs, Tasks, p
 
 
 def plot(
-    runs: Runs,
-    output: Picture,
-    task: Tasks = None,
-    agent: Agents = None,
-    allow_missing: AllowMissing = False,
+    runs: Runs, output: Picture, task: Tasks = None, agent: Agents = None, allow_missing: AllowMissing = False
 ) -> None:
     """Draw each agent's learning curve, one panel a task."""
     from sprl_bench import plots

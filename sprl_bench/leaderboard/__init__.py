@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from sprl_bench.leaderboard.comparison import (
-    COMPARISON_FORMATS,
-    compare,
-    render_comparisons,
-    side_by_side,
-)
+from sprl_bench.leaderboard.comparison import COMPARISON_FORMATS, compare, render_comparisons, side_by_side
 from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.store import (
     add_entry,

@@ -164,10 +164,7 @@ def _defaults(registered: EnvSpec) -> dict[str, Argument]:
 
 
 def choose_task(
-    identity: Identity,
-    suite: str | None,
-    budget: int | None,
-    score_range: tuple[float, float] | None = None,
+    identity: Identity, suite: str | None, budget: int | None, score_range: tuple[float, float] | None = None
 ) -> tuple[Suite, Task]:
     """Return the suite and task that a recorded environment belongs to.
 

@@ -18,12 +18,7 @@ from sprl_bench.records.folder import EPISODES, RECORD
 
 
 def write_result(
-    folder: Path,
-    spec: RunSpec,
-    log: EpisodeLog,
-    provenance: Provenance,
-    *,
-    wall_time_s: float,
+    folder: Path, spec: RunSpec, log: EpisodeLog, provenance: Provenance, *, wall_time_s: float
 ) -> RunRecord:
     """Write a run's episodes and then its record: where there is a record, everything is written.
 

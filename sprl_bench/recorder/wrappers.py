@@ -71,12 +71,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
     """
 
     def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        budget: int,
-        listener: Listener = SILENT,
-        *,
-        seeded: bool = False,
+        self, env: VectorEnv[Any, Any, Any], budget: int, listener: Listener = SILENT, *, seeded: bool = False
     ) -> None:
         super().__init__(env)
         self._seeded = seeded
@@ -147,11 +142,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """
 
     def __init__(
-        self,
-        env: gymnasium.Env[Any, Any],
-        log: EpisodeLog,
-        index: int = 0,
-        listener: Listener = SILENT,
+        self, env: gymnasium.Env[Any, Any], log: EpisodeLog, index: int = 0, listener: Listener = SILENT
     ) -> None:
         super().__init__(env)
         self.episode_log, self._index = log, index

@@ -262,8 +262,7 @@ class RunRecord(Data):
     versions: dict[Line, Line]
     git_commit: Line | None
     agent_code: Line | None = Field(
-        default=None,
-        description='Hash of the file of an agent named as "package.module:attribute", or of the script.',
+        default=None, description='Hash of the file of an agent named as "package.module:attribute", or of the script.'
     )
     hardware: Hardware
     wall_time_s: Amount

@@ -4,20 +4,8 @@ from __future__ import annotations
 
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
 from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
-from sprl_bench.tables.seed_results import (
-    MissingRunsError,
-    Result,
-    describe_holes,
-    find_holes,
-    task_names,
-)
-from sprl_bench.tables.table import (
-    BOOTSTRAP_SEED,
-    Table,
-    matrix,
-    tabulate,
-    tabulate_results,
-)
+from sprl_bench.tables.seed_results import MissingRunsError, Result, describe_holes, find_holes, task_names
+from sprl_bench.tables.table import BOOTSTRAP_SEED, Table, matrix, tabulate, tabulate_results
 from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
 __all__ = [
