@@ -35,8 +35,7 @@ class Provenance:
         agent_code: Hash of the agent's own file, or None; see `agent_code`.
         versions: Of Python, the platform and every loaded package.
         hardware: The machine.
-        device: "cuda" if torch has used a GPU, else "cpu".
-        torch_threads: Of this process.
+        torch_threads: Of this process; 1 without torch.
         peak_memory_mib: The most memory that any process of the run had resident.
     """
 
@@ -44,9 +43,8 @@ class Provenance:
     agent_code: str | None
     versions: Mapping[str, str]
     hardware: Hardware
-    device: str = "cpu"
-    torch_threads: int = 1
-    peak_memory_mib: float = 0.0
+    torch_threads: int
+    peak_memory_mib: float
 
     @classmethod
     def take(cls, source: str) -> Self:
@@ -55,13 +53,14 @@ class Provenance:
         Args:
             source: The agent's, as in `RunSpec.source`; its module has been loaded.
         """
-        commit = git_commit()
-        return cls((commit,) if commit else (), agent_code(source), versions(), hardware()).completed()
+        commits = tuple(filter(None, [git_commit()]))
+        return cls(commits, agent_code(source), versions(), hardware(), _torch_threads(), peak_memory_mib())
 
     def completed(self) -> Self:
         """Return it with what is known only at the end: packages loaded since, the GPU, threads and memory."""
         peak = max(self.peak_memory_mib, peak_memory_mib())
-        return replace(self, versions=versions(), hardware=hardware(), peak_memory_mib=peak, **_torch_state())
+        now = {"versions": versions(), "hardware": hardware(), "torch_threads": _torch_threads()}
+        return replace(self, peak_memory_mib=peak, **now)  # type: ignore[arg-type] # each of its field's type
 
     def continuing(self, earlier: Mapping[str, Any]) -> Self:
         """Return it for a run that an earlier process began; `earlier` is what its `as_dict` gave."""
@@ -71,6 +70,11 @@ class Provenance:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, as a checkpoint takes them."""
         return {**vars(self), "hardware": self.hardware.model_dump()}
+
+    @property
+    def device(self) -> str:
+        """The kind of device: "cuda" if torch has used a GPU, else "cpu"."""
+        return "cuda" if self.hardware.gpu else "cpu"
 
     @property
     def git_commit(self) -> str | None:
@@ -113,11 +117,7 @@ def _packages_by_module() -> dict[str, list[str]]:
 
 @functools.cache
 def git_commit() -> str | None:
-    """Return the commit of the checkout that this code is from, "-dirty" behind it where files differ.
-
-    Returns:
-        None where the code is not under version control, as in an installed wheel.
-    """
+    """Return this code's commit, with "-dirty" if files are changed; None without version control, as in a wheel."""
     here = Path(__file__)
     if _git("ls-files", "--error-unmatch", here.name) is None:
         return None
@@ -169,11 +169,9 @@ def _cpu() -> str:
     return named[1].strip() if named else platform.processor() or platform.machine()
 
 
-def _torch_state() -> dict[str, Any]:
+def _torch_threads() -> int:
     torch = sys.modules.get("torch")
-    if torch is None:
-        return {}
-    return {"device": "cuda" if torch.cuda.is_initialized() else "cpu", "torch_threads": torch.get_num_threads()}
+    return torch.get_num_threads() if torch else 1
 
 
 def _gpu() -> str | None:
@@ -185,9 +183,9 @@ def _gpu() -> str | None:
 
 
 def peak_memory_mib() -> float:
-    """Return the most memory that this process has had resident since it started, in MiB."""
+    """Return the most memory that this process has had resident, in MiB."""
     status = Path("/proc/self/status")
     peak = re.search(r"^VmHWM:\s*(\d+) kB$", status.read_text(), re.MULTILINE) if status.exists() else None
-    # getrusage would count the parent's peak as well in a process that was started by fork and exec.
+    # After fork and exec, getrusage would count the parent's peak as well.
     kibibytes = int(peak[1]) if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return round(kibibytes / 1024, 1)

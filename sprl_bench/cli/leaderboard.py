@@ -34,7 +34,7 @@ app = typer.Typer(
     help="Show, check, extend and challenge the leaderboards.", callback=require_command, invoke_without_command=True
 )
 
-BOARD = "A board: its name, as grid-7x7, or its folder, as leaderboards/grid-7x7; or one entry's file."
+BOARD = "A board's name or folder, as grid-7x7 or leaderboards/grid-7x7, or the file of one entry."
 
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
 OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]
@@ -61,7 +61,7 @@ def show(
 
 @app.command("validate")
 def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> int:
-    """Check entries; one line on stderr for each that is wrong."""
+    """Check entries; one line on stderr for each invalid one."""
     from sprl_bench import leaderboard
 
     complaints = leaderboard.validate(files)
@@ -74,16 +74,16 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
 @app.command("add")
 def add(
     runs: Runs,
-    agent: Annotated[str, typer.Option(help="Whose runs.")],
+    agent: Annotated[str, typer.Option(help="The agent.")],
     authors: Annotated[list[str], typer.Option("--author", "--authors", help="May be given several times.")],
     link: Annotated[str, typer.Option(help="The paper or the code.")],
-    suite: Annotated[str | None, typer.Option(help="Needed where the agent has runs of several.")] = None,
+    suite: Annotated[str | None, typer.Option(help="Needed if the agent has runs of several suites.")] = None,
     status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
     seeds: Seeds = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
     home: OwnHome = None,
 ) -> None:
-    """Make an entry of an agent's runs: at least five seeds, the same on all tasks of the suite."""
+    """Make an entry from an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
 
     check_choice("status", status, ("reported", "reproduced"))
@@ -99,11 +99,11 @@ def add(
 def compare(
     runs: Runs,
     against: Annotated[Path, typer.Option(help=BOARD)],
-    agent: Annotated[str | None, typer.Option(help="Whose runs; by default every agent's.")] = None,
+    agent: Annotated[str | None, typer.Option(help="The agent; by default all.")] = None,
     task: Tasks = None,
     seeds: Seeds = None,
     form: Annotated[
-        str | None, typer.Option("--format", help="rich, md, latex or json; by default as the file's name ends.")
+        str | None, typer.Option("--format", help="rich, md, latex or json; by default by the file's suffix.")
     ] = None,
     output: Output = None,
 ) -> None:
@@ -154,7 +154,7 @@ def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[Run
 
 @app.command("schema")
 def schema(output: Output = None) -> None:
-    """Print the JSON schema of an entry, as leaderboards/schema.json holds it."""
+    """Print the JSON schema of an entry, the content of leaderboards/schema.json."""
     from sprl_bench import leaderboard
 
     deliver(leaderboard.schema(), output)

@@ -50,7 +50,7 @@ def table(
 
 
 def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
-    """Print the tables of the planned runs' records; whatever is missing or keeps them apart is said."""
+    """Print the tables of the planned runs' records, with notes on missing runs, or why there is no table."""
     from sprl_bench.tables import IncomparableError, render, tabulate
 
     tasks = sorted({spec.task.name for spec in planned})

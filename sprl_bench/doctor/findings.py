@@ -1,6 +1,6 @@
-"""What is installed, what works, and what would make a score from here incomparable with published ones."""
+"""What is installed, what works, and whether scores from here are comparable with published ones."""
 
-# ruff: noqa: PLC0415 - loaded when it is asked for, so that the package stays light
+# ruff: noqa: PLC0415 - loaded when needed, so that help is quick
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ NO_PICTURES = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the doctor's.
+    """One line of the doctor's output.
 
     Attributes:
-        subject: A package, an extra, or something that was tried.
-        text: What was found.
-        comparable: False where scores from here would not compare with those of the pinned versions; None where
-            that cannot be told.
-        works: False where something is installed and does not work.
+        subject: A package, an extra, or a probe.
+        text: The result.
+        comparable: Whether scores are comparable with those of the pinned versions; None if unknown.
+        works: False if it is installed and does not work.
     """
 
     subject: str
@@ -43,14 +42,14 @@ class Finding:
 
     @property
     def mark(self) -> str:
-        """What stands in front of the line."""
+        """The first character of the line."""
         if not self.works:
             return BROKEN
         return {True: SOUND, False: INCOMPARABLE, None: UNKNOWN}[self.comparable]
 
 
 def examine() -> list[Finding]:
-    """Return what there is to say about this installation; it takes a few seconds."""
+    """Check this installation; it takes a few seconds."""
     from sprl_bench.doctor.probes import probe
     from sprl_bench.tables import SCORED_PACKAGES
 
@@ -125,7 +124,7 @@ def _drawing(answer: Mapping[str, Any]) -> Finding:
 TRIED: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Finding]]] = MappingProxyType(
     {"computing": ("device", _computing), "joints": ("joints", _joints), "drawing": ("rendering", _drawing)}
 )
-"""By probe: the subject, and what to tell of the answer."""
+"""By probe: the subject, and the finding for its answer."""
 
 
 def pinned_versions() -> dict[str, str]:

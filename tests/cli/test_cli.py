@@ -75,7 +75,7 @@ def test_a_missing_command_is_answered_with_the_help(words: list[str], capsys: C
         (["run", "--suite", "smoke", "--agents", "random", "--executor", "locl"], "did you mean 'local'?"),
         (["run", "--suite", "smoke", "--agents", "random", "--set", "num_env=3"], "did you mean 'num_envs'?"),
         (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs"], "must be KEY=VALUE"),
-        (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs=NaN"], "'NaN' is not finite"),
+        (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs=NaN"], "'NaN'; it must be finite"),
         (["table", ".", "--format", "html"], "Unknown format 'html'"),
         (["leaderboard", "show", "grd"], "Unknown leaderboard 'grd'"),
         (["leaderboard", "show", "--format", "html"], "Unknown format 'html'"),

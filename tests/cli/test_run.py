@@ -51,10 +51,10 @@ def test_settings_have_types_and_are_never_evaluated() -> None:
         "k": "__import__('os')",
     }
     for text in ("a=NaN", "a=-Infinity", "a=1e999", "a=[1, NaN]"):
-        with pytest.raises(ValueError, match=r"--set a: .* is not finite"):
+        with pytest.raises(ValueError, match=r"--set a is .*; it must be finite"):
             parse_settings([text])
     for text in ("a=" + "[" * 100_000, "a=" + "9" * 5_000):
-        with pytest.raises(ValueError, match=r"--set a: .* is too long or too deep"):
+        with pytest.raises(ValueError, match=r"--set a is .*; it must be shorter"):
             parse_settings([text])
     with pytest.raises(ValueError, match="gives 'a' twice"):
         parse_settings(["a=1", "a=2"])
