@@ -1,6 +1,6 @@
-"""How a suite is going, shown while it goes: live bars on a terminal, plain lines elsewhere.
+"""The progress of a suite: live bars on a terminal, plain lines elsewhere.
 
-Both read the runs' folders and nothing else, so they look alike wherever the runs are worked on.
+Both read only the runs' folders, so they work for every executor.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rich.text import Text
 from sprl_bench.records import RunSpec
 from sprl_bench.suite import Observer, Outcome, RunState, state_of
 
-LIVE_S: Final = 1.0  # between two looks at the folders
+LIVE_S: Final = 1.0  # between two readings of the folders
 PLAIN_S: Final = 10.0
 
 
@@ -32,7 +32,7 @@ def make_observer(stream: TextIO | None = None) -> Observer:
 
 
 def duration(seconds: float | None) -> str:
-    """Return seconds as people say them: "42 s", "3 min 05 s", "2 h 10 min", and "?" where unknown."""
+    """Return seconds as "42 s", "3 min 05 s" or "2 h 10 min", or "?" if unknown."""
     if seconds is None:
         return "?"
     whole = round(seconds)
@@ -44,7 +44,7 @@ def duration(seconds: float | None) -> str:
 
 
 class _Overview:
-    """All runs of a suite taken together."""
+    """All runs of a suite together."""
 
     def __init__(self, specs: Sequence[RunSpec], out: Path) -> None:
         self._specs, self._out = specs, out
@@ -52,7 +52,7 @@ class _Overview:
         self.look()
 
     def look(self) -> None:
-        """Read the folders again; what is finished stays so."""
+        """Read the folders of unfinished runs again."""
         known = {state.spec.path(self._out): state for state in self.states if state.status == "finished"}
         self.states = [known.get(spec.path(self._out)) or state_of(spec, self._out) for spec in self._specs]
 
@@ -118,7 +118,7 @@ class PlainProgress(Observer):
             self._print(self._overview.summary())
 
     def ended(self, outcome: Outcome) -> None:
-        """Print what became of a run."""
+        """Print the end of a run."""
         self._print(_news(outcome))
 
     def closed(self) -> None:
@@ -133,7 +133,7 @@ class PlainProgress(Observer):
 
 
 class LiveProgress(Observer):
-    """One bar for the suite and a line for each run that is worked on; runs that ended stay above."""
+    """One bar for the suite and a line for each running run; ended runs stay above."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -146,7 +146,7 @@ class LiveProgress(Observer):
         self._live.start()
 
     def ended(self, outcome: Outcome) -> None:
-        """Print what became of a run above the bars, unless it had been finished before."""
+        """Print the end of a run above the bars, unless it was skipped."""
         if outcome.status != "skipped":
             self._console.print(Text(_news(outcome), style="red" if outcome.status == "failed" else "green"))
 

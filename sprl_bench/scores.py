@@ -62,7 +62,7 @@ def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[floa
     """Return the environment step at which the first bin ends that reaches half of the range.
 
     Returns:
-        That step, or None where no bin reaches it: the run is censored at its budget.
+        That step, or None if no bin reaches it.
     """
     low, high = score_range
     reached = np.flatnonzero(np.asarray(bins, dtype=np.float64) >= low + THRESHOLD * (high - low))
@@ -120,7 +120,7 @@ def bootstrap_interval(
         confidence: The probability that the interval aims to cover.
 
     Returns:
-        The interval, or None for a single seed, which says nothing of its spread.
+        The interval, or None for a single seed.
     """
     if scores.shape[0] < 2:
         return None

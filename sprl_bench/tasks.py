@@ -1,7 +1,7 @@
 """Tasks and suites: rows of a table.
 
 A task is an environment id, its arguments, a budget of environment steps and the range of its returns. A suite is a
-named, versioned tuple of tasks. Everything that a score depends on besides the agent and the seed stands here.
+named, versioned tuple of tasks. Together with the agent and the seed they determine a score.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ Argument = bool | int | float | str
 
 @dataclass(frozen=True)
 class Task:
-    """One environment, how long an agent may train in it, and what a return in it can be.
+    """One environment, its budget, and the range of its returns.
 
     Attributes:
-        name: What tables and folders call it.
+        name: In tables and folders.
         env_id: The Gymnasium id.
         budget: Environment steps, summed over all sub-environments; later steps are not scored.
-        domain: The family that agents keep presets for, such as "grid".
+        domain: The family of tasks that presets are for, such as "grid".
         arguments: Keyword arguments of the environment.
         score_range: Lowest and highest return of an episode.
-        max_num_envs: The most sub-environments that a published run may have; None where nothing is published.
+        max_num_envs: The most sub-environments of a run on a leaderboard; None if there is none.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Suite:
 def _max_num_envs(budget: int, horizon: int) -> int:
     """Return the most sub-environments whose first full episodes all end within the first bin of the curve.
 
-    Until they do, nothing but quick successes ends, and the curve is too high (docs/scores.md).
+    Before that only quick successes end, and the curve is too high (docs/scores.md).
     """
     return budget // (BINS * horizon)
 
@@ -122,14 +122,14 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
                     for task, substep in _FETCH_SUBSTEPS.items()
                 ),
             ),
-            Suite("smoke", 1, (replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None),)),  # is no benchmark
+            Suite("smoke", 1, (replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None),)),  # not a benchmark
         )
     }
 )
 
 
 CUSTOM = Suite("custom", 0, ())
-"""Where runs belong that are of no suite's task: nothing there is comparable with a suite's scores."""
+"""The suite of runs whose task is in no suite; they are not comparable with a suite's scores."""
 
 
 def with_budget(task: Task, budget: int) -> Task:
@@ -141,7 +141,7 @@ def find_suite(name: str) -> Suite:
     """Return the suite of that name.
 
     Raises:
-        ValueError: There is no such suite; the message lists those there are.
+        ValueError: There is no such suite; the message lists all suites.
     """
     if name not in SUITES:
         raise ValueError(unknown("suite", name, SUITES))
@@ -149,13 +149,13 @@ def find_suite(name: str) -> Suite:
 
 
 def too_wide(suite: str, task: str, num_envs: int) -> str:
-    """Return why a run on so many sub-environments cannot be published, in one clause; empty where it can."""
+    """Explain why `num_envs` is too large for a leaderboard; empty if it is allowed."""
     most = {row.name: row.max_num_envs for row in SUITES[suite].tasks}.get(task) if suite in SUITES else None
     if most is None or num_envs <= most:
         return ""
     return (
         f"{num_envs} sub-environments on {task} are more than the {most} that a leaderboard takes: until each has had "
-        "a full episode, nothing but quick successes can end, and that must not last longer than one bin of the curve"
+        "a full episode, only quick successes can end, and that must not last longer than one bin of the curve"
     )
 
 
@@ -165,13 +165,13 @@ def match_task(
     defaults: Mapping[str, Argument] = MappingProxyType({}),
     suites: Iterable[Suite] = tuple(SUITES.values()),
 ) -> tuple[Suite, Task] | None:
-    """Return the first suite and task with this environment and these arguments, or None where there is none.
+    """Return the first suite and task with this environment and these arguments, or None.
 
     Args:
         env_id: The Gymnasium id.
-        arguments: What the environment was made with.
-        defaults: What it takes where an argument is not given; giving the default explicitly changes nothing.
-        suites: Where to look.
+        arguments: Of the environment.
+        defaults: Of the arguments that are not given; giving one explicitly changes nothing.
+        suites: The suites to search.
     """
     wanted = {**defaults, **arguments}
     for suite in suites:

@@ -1,7 +1,5 @@
 """Commands around the leaderboards."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The commands that list environments, tasks, suites and agents."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Shared by several commands: options, their values, and the output."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 import json

@@ -1,7 +1,5 @@
 """The command that trains agents on a suite."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 import shlex

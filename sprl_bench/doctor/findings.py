@@ -1,7 +1,5 @@
 """What is installed, what works, and whether scores from here are comparable with published ones."""
 
-# ruff: noqa: PLC0415 - loaded when needed, so that help is quick
-
 from __future__ import annotations
 
 import os

@@ -3,8 +3,6 @@
 `python -m sprl_bench.doctor.probes` prints one line of JSON for each probe, as soon as its answer is known.
 """
 
-# ruff: noqa: PLC0415 - each probe loads what it tests
-
 from __future__ import annotations
 
 import importlib.util

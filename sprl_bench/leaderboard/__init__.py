@@ -1,4 +1,4 @@
-"""Leaderboards: one folder a suite, one file an agent, and everything shown is computed from those files."""
+"""Leaderboards: one folder a suite, one file an agent; boards are computed from these files alone."""
 
 from __future__ import annotations
 

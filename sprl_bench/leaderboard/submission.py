@@ -1,4 +1,4 @@
-"""From a folder of runs to an entry: complete, on the suite as it stands, and of one make."""
+"""From runs to an entry: complete, for the current suite, and made with one set of versions."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ def make_entry(
     status: Status = "reported",
     planned: Iterable[RunSpec] = (),
 ) -> Entry:
-    """Return the entry that an agent's runs of one suite make.
+    """Return the entry of an agent's runs of one suite.
 
     Args:
         records: Runs of any agents and suites.
-        agent: Whose entry it is.
+        agent: The entry's agent.
         authors: Of the agent.
         link: To a paper or to the code.
-        suite: Needed only where the agent has runs of several suites.
-        status: "reproduced" where someone else ran it again.
-        planned: Runs that were asked for: those without a record count as missing.
+        suite: Needed only if the agent has runs of several suites.
+        status: "reproduced" if someone else ran it again.
+        planned: Specs of all runs that there should be: those without a record count as missing.
 
     Raises:
         MissingRunsError: A run is missing, or there are fewer than five seeds.
-        IncomparableError: The runs do not belong together, or are not of the suite's own tasks and budgets.
+        IncomparableError: The runs are not comparable, or not of the suite's own tasks and budgets.
         ValueError: There is no such agent or suite among the records.
     """
     mine = _runs_of(list(records), agent, suite)
@@ -64,10 +64,10 @@ def make_entry(
 
 
 def check_suite(entry: Entry) -> None:
-    """Check that an entry is of a suite as it stands: its version, its tasks, their budgets, arguments and widths.
+    """Check an entry against the current suite: version, tasks, budgets, arguments and `num_envs`.
 
     Raises:
-        ValueError: It is not; the message begins with the place in the entry.
+        ValueError: It differs; the message begins with the key in the entry.
     """
     if entry.suite not in SUITES:
         raise ValueError("suite: " + unknown("suite", entry.suite, SUITES))
@@ -113,7 +113,7 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
     if len(seeds) < MINIMUM_SEEDS:
         raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
     codes = {code for result in results for code in result.agent_codes}
-    if len(codes) > 1 and complete[0].spec.source:  # a script may be edited from seed to seed; boards tell it
+    if len(codes) > 1 and complete[0].spec.source:  # a script may change between seeds; boards note it
         raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
     for package, text in version_differences(results).items():
         raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
@@ -141,7 +141,7 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
 def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
     runs = sorted(records, key=lambda record: record.spec.seed)
     spec = runs[0].spec
-    if spec.source:  # the harness sets the threads; a script has as many as its machine gives it
+    if spec.source:  # the harness sets the threads; a script has those of its machine
         _refuse_mixed(runs, "torch_threads")
     _refuse_mixed(runs, "source")
     _refuse_mixed(runs, "num_envs")
@@ -157,7 +157,7 @@ def _refuse_mixed(records: Sequence[RunRecord], name: str) -> None:
 
 
 def _versions(records: Sequence[RunRecord]) -> dict[str, str]:
-    """Return the versions of everything that any run loaded; several only where no score depends on it."""
+    """Return the versions of all packages that any run loaded."""
     names = sorted({name for record in records for name in record.versions})
     return {
         name: ", ".join(sorted({record.versions[name] for record in records if name in record.versions}))

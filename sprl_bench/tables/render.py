@@ -28,7 +28,7 @@ def render(tables: Sequence[Table], form: str = "md", *, width: int | None = Non
     Args:
         tables: One a suite.
         form: One of `FORMATS`.
-        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+        width: Columns of the terminal for "rich"; None for plain text of any width.
 
     Raises:
         ValueError: There is no such format.

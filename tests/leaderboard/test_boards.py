@@ -93,7 +93,7 @@ def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkey
 def test_boards_that_are_not_there_are_refused(home: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="did you mean 'grid-7x7'"):
         leaderboard.boards(home, "grid-7")
-    with pytest.raises(ValueError, match="has no entry of a suite as it stands"):
+    with pytest.raises(ValueError, match="has no entry for a current suite"):
         leaderboard.boards(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError, match="not a folder of leaderboard entries"):
         leaderboard.find_entries(tmp_path / "nowhere")
