@@ -55,38 +55,20 @@ class _Overview:
         """Read the folders of unfinished runs again."""
         known = {state.spec.path(self._out): state for state in self.states if state.status == "finished"}
         self.states = [known.get(spec.path(self._out)) or state_of(spec, self._out) for spec in self._specs]
-
-    @property
-    def running(self) -> list[RunState]:
-        return [state for state in self.states if state.status == "running"]
-
-    @property
-    def finished(self) -> int:
-        return sum(state.status == "finished" for state in self.states)
-
-    @property
-    def budget(self) -> int:
-        return sum(state.spec.task.budget for state in self.states)
-
-    @property
-    def env_steps(self) -> int:
-        return sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
-
-    @property
-    def steps_per_second(self) -> float:
-        return sum(state.steps_per_second for state in self.running)
-
-    @property
-    def seconds_left(self) -> float | None:
-        steps, speed = self.budget - self.env_steps, self.steps_per_second
-        return steps / speed if speed else None if steps else 0.0
+        self.running = [state for state in self.states if state.status == "running"]
+        self.finished = sum(state.status == "finished" for state in self.states)
+        self.budget = sum(state.spec.task.budget for state in self.states)
+        self.env_steps = sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
+        self.speed = sum(state.steps_per_second for state in self.running)
 
     def summary(self) -> str:
         """Return one line."""
         done = f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps"
         if self.finished == len(self.states):
             return done
-        return f"{done}, {self.steps_per_second:,.0f} steps/s, {duration(self.seconds_left)} left"
+        steps = self.budget - self.env_steps
+        left = steps / self.speed if self.speed else None if steps else 0.0
+        return f"{done}, {self.speed:,.0f} steps/s, {duration(left)} left"
 
 
 def _label(spec: RunSpec) -> str:

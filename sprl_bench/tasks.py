@@ -77,8 +77,9 @@ def _grid(name: str, budget: int) -> Task:
     )
 
 
-def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
+def _fetch(task: str, budget: int | None = None, **arguments: int | float) -> Task:
     """Return a Fetch task, named after the arguments in which it differs from the plain one."""
+    budget = budget or (1_000_000 if task == "Reach" else 2_000_000)
     suffixes = [f"{argument.removeprefix('action_')}{value}" for argument, value in arguments.items()]
     name = "-".join([f"Fetch{task}", *suffixes])
     env_id = f"SPRL/Fetch{task}Sparse-v1"
@@ -94,40 +95,28 @@ def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
 
 _GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
 _GRID_11X11 = (_grid("FourRooms-11x11", 2_000_000), _grid("KeyDoors-11x11", 5_000_000))
-_FETCH_BUDGETS = {"Reach": 1_000_000, "Push": 2_000_000, "Slide": 2_000_000, "PickAndPlace": 2_000_000}
 _FETCH_SUBSTEPS = {"Reach": 3, "Push": 8, "Slide": 10, "PickAndPlace": 10}  # appendix A.5
+_SMOKE = replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None)  # not a benchmark
 
-# The order matters: a run that names no suite belongs to the first one that holds its task.
-SUITES: Mapping[str, Suite] = MappingProxyType(
-    {
-        suite.name: suite
-        for suite in (
-            Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
-            Suite("grid-7x7", 1, _GRID_7X7),
-            Suite(
-                "fetch", 1, tuple(_fetch(task, {**_FETCH_BUDGETS, "Reach": 500_000}[task]) for task in _FETCH_BUDGETS)
-            ),
-            Suite(
-                "fetch-sparse",
-                1,
-                tuple(_fetch(task, _FETCH_BUDGETS[task], substep=substep) for task, substep in _FETCH_SUBSTEPS.items()),
-            ),
-            Suite("sparsity", 1, tuple(_fetch("Reach", 1_000_000, substep=substep) for substep in (2, 3, 4, 6))),
-            Suite(
-                "noise",
-                1,
-                tuple(
-                    _fetch(task, _FETCH_BUDGETS[task], substep=substep, action_noise=noise)
-                    for noise in (0.03, 0.1, 0.3)
-                    for task, substep in _FETCH_SUBSTEPS.items()
-                ),
-            ),
-            Suite("smoke", 1, (replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None),)),  # not a benchmark
-        )
-    }
+_ROWS = (
+    Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
+    Suite("grid-7x7", 1, _GRID_7X7),
+    Suite("fetch", 1, (_fetch("Reach", 500_000), _fetch("Push"), _fetch("Slide"), _fetch("PickAndPlace"))),
+    Suite("fetch-sparse", 1, tuple(_fetch(task, substep=substep) for task, substep in _FETCH_SUBSTEPS.items())),
+    Suite("sparsity", 1, tuple(_fetch("Reach", substep=substep) for substep in (2, 3, 4, 6))),
+    Suite(
+        "noise",
+        1,
+        tuple(
+            _fetch(task, substep=substep, action_noise=noise)
+            for noise in (0.03, 0.1, 0.3)
+            for task, substep in _FETCH_SUBSTEPS.items()
+        ),
+    ),
+    Suite("smoke", 1, (_SMOKE,)),
 )
-
-
+# The order matters: a run that names no suite belongs to the first one that holds its task.
+SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _ROWS})
 CUSTOM = Suite("custom", 0, ())
 """The suite of runs whose task is in no suite; they are not comparable with a suite's scores."""
 

@@ -14,20 +14,15 @@ from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
     BOOTSTRAP_SEED,
-    GRID_FORMATS,
-    PRIVILEGED,
-    Grid,
     MissingRunsError,
     Result,
-    as_json,
     check_comparable,
     describe_holes,
-    draw,
     find_holes,
-    interval_text,
     matrix,
-    number,
 )
+from sprl_bench.tables.render import PRIVILEGED, interval_text
+from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
 SINGLE = "A single seed has no interval (-)."

@@ -12,20 +12,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sprl_bench.records import (
-    Count,
-    Curve,
-    Data,
-    Hardware,
-    Json,
-    Line,
-    Name,
-    Scores,
-    TaskSpec,
-    check_scores,
-    gather,
-    hyperparameters_hash,
-)
+from sprl_bench.records import Data, Hardware, Scores, TaskSpec, gather, hyperparameters_hash
+from sprl_bench.records.types import Count, Curve, Json, Line, Name, check_scores
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
 MINIMUM_SEEDS = 5

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from sprl_bench.records.files import Data, InvalidFileError, locate, read, write, write_bytes
 from sprl_bench.records.types import (
-    Count,
-    Curve,
     Hardware,
-    Json,
-    Line,
-    Name,
     RunRecord,
     RunSpec,
     Scores,
     TaskSpec,
     Totals,
-    check_scores,
     differences,
     find_records,
     gather,
@@ -23,20 +17,14 @@ from sprl_bench.records.types import (
 )
 
 __all__ = [
-    "Count",
-    "Curve",
     "Data",
     "Hardware",
     "InvalidFileError",
-    "Json",
-    "Line",
-    "Name",
     "RunRecord",
     "RunSpec",
     "Scores",
     "TaskSpec",
     "Totals",
-    "check_scores",
     "differences",
     "find_records",
     "gather",

@@ -89,12 +89,11 @@ def _work_on(specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, ex
     left = {_key(spec) for spec in waiting}
     yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
     for spec, result in executor.map(partial(_attempt, out=out), waiting):
-        yield _crashed(spec, out, result) if isinstance(result, WorkerDiedError) else result
-
-
-def _crashed(spec: RunSpec, out: Path, error: WorkerDiedError) -> Outcome:
-    _leave_error(spec, out, f"{error}\n")
-    return Outcome(spec, "failed", str(error))
+        if isinstance(result, WorkerDiedError):
+            _leave_error(spec, out, f"{result}\n")
+            yield Outcome(spec, "failed", str(result))
+        else:
+            yield result
 
 
 def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
