@@ -81,7 +81,7 @@ def record_video(
 
     Args:
         env_id: The Gymnasium id.
-        output: A .mp4 or .gif file; one that is there is replaced.
+        output: A .mp4 or .gif file; it is overwritten.
         policy: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a function
             from an observation to an action.
         agent: The "package.module:factory" of a run's agent, unless it is an installed one.
@@ -94,7 +94,7 @@ def record_video(
         UnplayableRunError: The policy is a run whose agent cannot act, or has to be named.
         CannotDrawError: This machine cannot draw the environment.
         OSError: The file cannot be written.
-        ModuleNotFoundError: The extra `video`, or what the environment needs, is not installed.
+        ModuleNotFoundError: The extra `video`, or one that the environment needs, is not installed.
     """
     path = Path(output)
     made = _format(path)

@@ -123,7 +123,7 @@ def parse_settings(settings: Sequence[str], option: str = "--set") -> dict[str, 
     """Return the values of "key=value" arguments of `option`: each as JSON if it is valid JSON, else as text.
 
     Raises:
-        ValueError: There is no "=", a key is there twice, or a value is a number that is not finite.
+        ValueError: There is no "=", a key is given twice, or a value is not finite.
     """
     chosen: dict[str, object] = {}
     for setting in settings:

@@ -1,7 +1,7 @@
 """Where runs are computed: processes of this machine, a Ray cluster, or Slurm.
 
-An executor maps a function over specs and yields each result when it is there. All it knows of a call is that it needs
-as many threads as its spec says and may crash its process.
+An executor maps a function over specs and yields the results as they arrive. A call needs the threads of its spec and
+may crash its process.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class Executor(ABC):
     def map(
         self, function: Callable[[RunSpec], Result], specs: Sequence[RunSpec]
     ) -> Generator[tuple[RunSpec, Result | WorkerDiedError]]:
-        """Call `function` on each spec, in any order, and yield each result when it is there.
+        """Call `function` on each spec, in any order, and yield the results as they arrive.
 
         The function and its results are pickled. Closing the generator asks the running calls to stop and waits.
         """
