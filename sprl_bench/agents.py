@@ -98,12 +98,12 @@ def load_factory(name: str) -> AgentFactory:
     target = name if ":" in name else _installed(name)
     factory: AgentFactory = load_attribute(target)
     if not callable(factory):
-        raise ValueError(f"Agent {name!r}: {target!r} is not a callable factory.")
+        raise ValueError(f"agent is {name!r}; it must name a callable factory, which {target!r} is not.")
     return factory
 
 
 def load_attribute(target: str) -> Any:
-    """Return what "module:attribute" names, or None where the module has no such attribute."""
+    """Return the value of "module:attribute", or None if the module has no such attribute."""
     module, _, attribute = target.partition(":")
     found: Any = importlib.import_module(module)
     for part in attribute.split("."):
@@ -114,7 +114,7 @@ def load_attribute(target: str) -> Any:
 def _installed(name: str) -> str:
     found = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise ValueError(unknown("agent", name, found) + " An agent of your own is named as package.module:factory.")
+        raise ValueError(unknown("agent", name, found) + " Name your own as package.module:factory.")
     return found[name]
 
 
@@ -146,12 +146,12 @@ def resolve_hyperparameters(
     resolved = _resolve(factory, domain, given, preset)
     missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]
     if missing:
-        raise ValueError(f"The agent's hyperparameters without a default must be given: {', '.join(missing)}.")
+        raise ValueError(f"Hyperparameters of the agent without a default must be given: {', '.join(missing)}.")
     return resolved, resolved["num_envs"] if num_envs is None else num_envs
 
 
 def _resolve(factory: AgentFactory, domain: str, overrides: Mapping[str, Any], preset: str) -> dict[str, Any]:
-    """Ask the factory or read its signature; `Parameter.empty` stands where nothing is given."""
+    """Ask the factory or read its signature; a missing value is `Parameter.empty`."""
     resolve = getattr(factory, "hyperparameters", None)
     if preset and (resolve is None or "preset" not in inspect.signature(resolve).parameters):
         raise ValueError(f"preset is {preset!r}; it must be left out, as this agent has no presets.")

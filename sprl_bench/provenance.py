@@ -59,8 +59,8 @@ class Provenance:
     def completed(self) -> Self:
         """Return it with what is known only at the end: packages loaded since, the GPU, threads and memory."""
         peak = max(self.peak_memory_mib, peak_memory_mib())
-        now = {"versions": versions(), "hardware": hardware(), "torch_threads": _torch_threads()}
-        return replace(self, peak_memory_mib=peak, **now)  # type: ignore[arg-type] # each of its field's type
+        threads = _torch_threads()
+        return replace(self, versions=versions(), hardware=hardware(), torch_threads=threads, peak_memory_mib=peak)
 
     def continuing(self, earlier: Mapping[str, Any]) -> Self:
         """Return it for a run that an earlier process began; `earlier` is what its `as_dict` gave."""

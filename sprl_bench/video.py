@@ -124,7 +124,9 @@ def _format(path: Path) -> Format:
 
 def _make(env_id: str, arguments: Mapping[str, Argument]) -> Env:
     if "render_mode" in arguments:
-        raise ValueError(f"render_mode is {arguments['render_mode']!r}; a video is always made of 'rgb_array'.")
+        raise ValueError(
+            f"render_mode is {arguments['render_mode']!r}; it must be left out: a video always uses 'rgb_array'."
+        )
     if ":" not in env_id and env_id not in gymnasium.registry:
         raise ValueError(unknown("environment", env_id, IDS))
     try:

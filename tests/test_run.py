@@ -286,6 +286,15 @@ def test_a_checkpoint_of_other_versions_is_refused(tmp_path: Path, monkeypatch: 
     assert path.read_bytes() == before
 
 
+def test_a_checkpoint_without_provenance_is_of_another_build(tmp_path: Path) -> None:
+    path = interrupted(make_spec(), tmp_path)
+    state = checkpoint.load(path)
+    del state["provenance"]
+    checkpoint.save(path, state)
+    with pytest.raises(CheckpointRefusedError, match=r"was made by another build of sprl-bench \(provenance\)"):
+        run(make_spec(), tmp_path)
+
+
 def test_a_package_that_is_loaded_later_is_looked_at_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted(make_spec(), tmp_path)
     loaded = {name: version for name, version in provenance.versions().items() if name != "numpy"}

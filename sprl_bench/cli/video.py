@@ -63,10 +63,10 @@ def _choose_actor(env_id: str, policy: str | None, run: Path | None, agent: str 
 
     if run is None:
         if agent is not None:
-            raise ValueError(f"agent is {agent!r}; name the folder of its run with --run.")
+            raise ValueError(f"agent is {agent!r}; it must come with --run and the folder of its run.")
         return policy or "random"
     if policy is not None:
-        raise ValueError(f"policy is {policy!r} and run is {str(run)!r}; give one of them.")
+        raise ValueError(f"policy is {policy!r}; it must be left out if --run is given.")
     return str(find_run(run, env_id.rpartition(":")[2], agent))
 
 

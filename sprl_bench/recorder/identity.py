@@ -188,11 +188,11 @@ def choose_task(
         raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
     given_range = None if score_range is None else _checked_range(score_range)
     if found is not None and given_range not in (None, found[1].score_range):
-        raise ValueError(f"score_range is {score_range!r}, but that of {found[1].name} is {found[1].score_range}.")
+        raise ValueError(f"score_range is {score_range!r}; it must be that of {found[1].name}, {found[1].score_range}.")
     if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
         return found
     if budget is None:
-        raise ValueError(f"No suite has a task {_described(identity)}: say how long to record by budget=...")
+        raise ValueError(f"No suite has a task {_described(identity)}: give budget=..., in environment steps.")
     task = found[1] if found else _task_of_its_own(identity, given_range or (0.0, 1.0))
     return CUSTOM, with_budget(task, int(budget))
 

@@ -13,7 +13,7 @@ def resolve_device(device: str) -> str:
         ValueError: There is no such name.
     """
     if not re.fullmatch(r"auto|cpu|cuda(:[0-9]+)?", device):
-        raise ValueError(f"device is {device!r}; allowed are auto, cpu, cuda and cuda:N, as in cuda:0.")
+        raise ValueError(f"device is {device!r}; it must be auto, cpu, cuda or cuda:N, as in cuda:0.")
     if device != "auto":
         return device
     return "cuda" if _gpus() else "cpu"
@@ -29,7 +29,7 @@ def require_device(device: str) -> None:
     gpus = _gpus() if kind == "cuda" else 0
     if kind == "cuda" and int(number or 0) >= gpus:
         there = ", ".join(["auto", "cpu", *(f"cuda:{index}" for index in range(gpus))])
-        raise ValueError(f"device is {device!r}, which torch does not find here; there are {there}.")
+        raise ValueError(f"device is {device!r}; it must be one that torch finds here: {there}.")
 
 
 def _gpus() -> int:

@@ -71,7 +71,7 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
     if repeated:
         raise ValueError(f"{name} holds {repeated[0]!r} more than once.")
     if not len(values):
-        raise ValueError(f"{name} is empty; name at least one.")
+        raise ValueError(f"{name} is empty; it must hold at least one.")
 
 
 def _agent_name(agent: str) -> str:
@@ -84,7 +84,7 @@ def _split_preset(agent: str) -> tuple[str, str]:
     """Return the agent and the preset in "agent@preset"; the preset is empty if none is named."""
     source, at, preset = agent.partition("@")
     if at and not preset:
-        raise ValueError(f"agents holds {agent!r}; after the @ comes the name of a preset.")
+        raise ValueError(f"agents holds {agent!r}; it must have the name of a preset after the @.")
     return source, preset
 
 

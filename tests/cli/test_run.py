@@ -103,7 +103,7 @@ def test_a_gpu_that_is_not_here_is_refused_before_anything_is_written(
 ) -> None:
     monkeypatch.setattr(devices, "_gpus", lambda: 0)
     command = ["run", "--suite", "smoke", "--agents", "random", "--device", "cuda", "--out", tmp_path / "runs"]
-    assert refused(capsys, *command) == (2, "device is 'cuda', which torch does not find here; there are auto, cpu.")
+    assert refused(capsys, *command) == (2, "device is 'cuda'; it must be one that torch finds here: auto, cpu.")
     assert not (tmp_path / "runs").exists()
 
 

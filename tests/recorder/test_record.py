@@ -139,7 +139,7 @@ def test_a_range_of_scores_goes_with_a_task_of_no_suite(tmp_path: Path) -> None:
     assert record.spec.task.score_range == (0.0, 500.0)
     assert record.scores.steps_to_threshold is None
     assert sprl_bench.record(make(), out=tmp_path, agent="other", seed=0, score_range=[0, 1])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"score_range is \(0, 2\), but that of FourRooms-7x7 is \(0\.0, 1\.0\)"):
+    with pytest.raises(ValueError, match=r"score_range is \(0, 2\); it must be that of FourRooms-7x7, \(0\.0, 1\.0\)"):
         sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, score_range=(0, 2))
 
 
