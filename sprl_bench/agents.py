@@ -79,7 +79,7 @@ class AgentFactory(Protocol):
     """
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> Agent:
-        """Return an agent whose every random choice follows from `seed`."""
+        """Return an agent; all its random choices depend on `seed` alone."""
         ...
 
 

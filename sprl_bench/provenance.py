@@ -28,10 +28,10 @@ MANY_COMMITS: Final = 6  # what fits a line of a record, at 47 letters with "-di
 
 @dataclass(frozen=True)
 class Provenance:
-    """What can move a number besides the spec.
+    """The code, the versions and the machine of a run.
 
     Attributes:
-        git_commits: Of this package's checkout, one for each build that worked on the run; none for a wheel.
+        git_commits: Of this package's checkout, one for each build that the run used; none for a wheel.
         agent_code: Hash of the agent's own file, or None; see `agent_code`.
         versions: Of Python, the platform and every loaded package.
         hardware: The machine.
@@ -48,7 +48,7 @@ class Provenance:
 
     @classmethod
     def take(cls, source: str) -> Self:
-        """Return that of this process.
+        """Return the provenance of this process, at the start of a run.
 
         Args:
             source: The agent's, as in `RunSpec.source`; its module has been loaded.
@@ -57,13 +57,13 @@ class Provenance:
         return cls(commits, agent_code(source), versions(), hardware(), _torch_threads(), peak_memory_mib())
 
     def completed(self) -> Self:
-        """Return it with what is known only at the end: packages loaded since, the GPU, threads and memory."""
+        """Return the provenance at the end of a run: with packages loaded since, the GPU, threads and memory."""
         peak = max(self.peak_memory_mib, peak_memory_mib())
         threads = _torch_threads()
         return replace(self, versions=versions(), hardware=hardware(), torch_threads=threads, peak_memory_mib=peak)
 
     def continuing(self, earlier: Mapping[str, Any]) -> Self:
-        """Return it for a run that an earlier process began; `earlier` is what its `as_dict` gave."""
+        """Return the provenance of a continued run; `earlier` is the `as_dict` of its last process."""
         commits = tuple(dict.fromkeys((*earlier["git_commits"], *self.git_commits)))
         return replace(self, git_commits=commits, peak_memory_mib=earlier["peak_memory_mib"])
 

@@ -27,7 +27,7 @@ from sprl_bench.records import TaskSpec
 
 NUM_ENVS = 2
 STEPS = 200  # at least
-MOST_STEPS = 2000  # where episodes do not end
+MOST_STEPS = 2000  # if episodes do not end
 SEED = 20240  # of the random episodes and actions
 DECIMALS = 5  # simulators differ in later ones between processors
 TAME_STEPS = 8  # with continuous actions, after a reset: before any contact
