@@ -70,26 +70,12 @@ def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[floa
 
 
 def mean(scores: Array) -> Array:
-    """Return the mean over seeds, then over tasks.
-
-    Args:
-        scores: [..., S, T] for S seeds and T tasks.
-
-    Returns:
-        [...]
-    """
+    """Return the mean over seeds, then over tasks, of scores [..., S, T] for S seeds and T tasks: [...]."""
     return np.asarray(scores.mean(axis=-2).mean(axis=-1))
 
 
 def iqm(scores: Array) -> Array:
-    """Return the interquartile mean: of all seeds and tasks together, without the lowest and the highest quarter.
-
-    Args:
-        scores: [..., S, T] for S seeds and T tasks.
-
-    Returns:
-        [...]
-    """
+    """Return the interquartile mean of scores [..., S, T], of which it drops the lowest and highest quarter: [...]."""
     flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
     cut = flat.shape[-1] // 4
     return np.asarray(flat[..., cut : flat.shape[-1] - cut].mean(axis=-1))

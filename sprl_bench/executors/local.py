@@ -34,7 +34,16 @@ class LocalExecutor(Executor):
         return [worker for worker in calls if worker.receiver in ready or not worker.process.is_alive()]
 
     def _result(self, call: _Worker) -> Any:
-        return call.result()
+        """Wait for the process to end and return its result."""
+        try:
+            result = call.receiver.recv()
+        except EOFError:
+            call.process.join()
+            return WorkerDiedError(_cause(call.process.exitcode))
+        finally:
+            call.receiver.close()
+        call.process.join()
+        return result
 
     def _stop(self, calls: Sequence[_Worker]) -> None:
         """Ask each worker to end after its current update; kill it after a while, or at once on a second Ctrl-C."""
@@ -60,18 +69,6 @@ class _Worker:
         with _environment_set(worker_environment(spec)):
             self.process.start()
         sender.close()
-
-    def result(self) -> Any:
-        """Wait for the process to end and return its result."""
-        try:
-            result = self.receiver.recv()
-        except EOFError:
-            self.process.join()
-            return WorkerDiedError(_cause(self.process.exitcode))
-        finally:
-            self.receiver.close()
-        self.process.join()
-        return result
 
 
 def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[Any, Any]) -> None:

@@ -199,11 +199,9 @@ def _suite_notes(results: Sequence[Result]) -> list[str]:
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}
-    notes = []
-    for name, runs in _grouped(results, lambda result: result.task.name):
-        if name in official and runs[0].task.budget != official[name].budget:
-            notes.append(
-                f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
-                f"{official[name].budget:,}; not comparable with published scores."
-            )
-    return notes
+    return [
+        f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
+        f"{official[name].budget:,}; not comparable with published scores."
+        for name, runs in _grouped(results, lambda result: result.task.name)
+        if name in official and runs[0].task.budget != official[name].budget
+    ]
