@@ -47,7 +47,7 @@ class SeedResult(Data):
 
 
 class TaskEntry(Data):
-    """All runs of one task: their common fields, and each result."""
+    """All runs of one task: what they had in common, and each on its own."""
 
     task: TaskSpec
     source: Line = Field(description='Entry point or "package.module:attribute"; empty for a recorded script.')

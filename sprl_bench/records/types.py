@@ -194,7 +194,7 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 class Scores(Data):
-    """A run's scores, a function of its two curves."""
+    """What a run's two curves come to; a function of them."""
 
     auc: Bounded
     final: Bounded
@@ -240,7 +240,7 @@ class Totals(Data):
 
 
 class Hardware(Data):
-    """The machine; on a CPU, scores depend on its processor model at most."""
+    """The machine; of two with the same kind of processor, no score depends on it on a CPU."""
 
     cpu: Line
     cores: Count

@@ -221,7 +221,7 @@ def test_a_time_limit_above_is_scored_as_failure(tmp_path: Path, caplog: pytest.
     play(gymnasium.wrappers.TimeLimit(env, 10), 1000)
     record = only_record(tmp_path)
     assert 90 < record.totals.abandoned == record.totals.episodes - record.totals.successes
-    assert f"has {record.totals.abandoned} of {record.totals.episodes} episodes that were reset before" in caplog.text
+    assert f"{record.totals.abandoned} of {record.totals.episodes} episodes were reset before" in caplog.text
 
 
 def test_closing_early_leaves_an_incomplete_record(tmp_path: Path) -> None:
