@@ -1,6 +1,6 @@
-"""Two seeds at once through the harness, against twice what one seed does alone: what workers cost each other.
+"""Two seeds with two workers, against twice the speed of one seed alone: how much workers slow each other down.
 
-Each turn is a suite as its users run it: processes that start, import, train and write a record.
+Each measurement runs a whole suite: processes that start, import, train and write a record.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def rows() -> list[Row]:
 
 
 def _train(seeds: int, workers: int) -> int:
-    """Train so many seeds and return their environment steps."""
+    """Train these seeds and return their environment steps."""
     specs = expand(find_suite("smoke"), ["ppo"], range(seeds), budget=BUDGET)
     with tempfile.TemporaryDirectory() as out:
         outcomes = run_suite(specs, Path(out), executor=make_executor("local", workers))

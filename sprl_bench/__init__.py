@@ -1,7 +1,7 @@
 """sprl-bench: the benchmark for sparse-reward reinforcement learning.
 
-Importing this package registers its environments with Gymnasium; everything else is loaded when it is first used. What
-the command `sprl-bench` does is here too, a function each.
+Importing this package registers its environments with Gymnasium; everything else is loaded when it is first used. Each
+command of `sprl-bench` has a function here.
 """
 
 from __future__ import annotations
@@ -62,30 +62,22 @@ __all__ = [
 ]
 
 _HOMES = {
-    "agents": ["agent_names"],
-    "executors": ["make_executor"],
-    "leaderboard": [
-        "add_entry",
-        "boards",
-        "compare",
-        "find_entries",
-        "make_entry",
-        "render_comparisons",
-        "validate",
-    ],
-    "plots": ["plot"],
-    "recorder": ["record", "recording"],
-    "records": ["RunRecord", "RunSpec", "find_records"],
-    "suite": ["expand", "run_suite", "survey"],
-    "tables": ["render", "tabulate"],
-    "tasks": ["SUITES", "Suite", "Task", "find_suite"],
-    "video": ["record_video"],
+    "agents": "agent_names",
+    "executors": "make_executor",
+    "leaderboard": "add_entry boards compare find_entries make_entry render_comparisons validate",
+    "plots": "plot",
+    "recorder": "record recording",
+    "records": "RunRecord RunSpec find_records",
+    "suite": "expand run_suite survey",
+    "tables": "render tabulate",
+    "tasks": "SUITES Suite Task find_suite",
+    "video": "record_video",
 }
-_HOME_OF = {name: f"sprl_bench.{home}" for home, names in _HOMES.items() for name in names}
+_HOME_OF = {name: f"sprl_bench.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name from its home when it is first asked for."""
+    """Load a public name when it is first used."""
     if name not in _HOME_OF:
         raise AttributeError(f"module 'sprl_bench' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME_OF[name]), name)

@@ -18,20 +18,22 @@ from gymnasium.vector import VectorEnv
 from sprl_bench.suggestions import unknown
 
 GROUP = "sprl_bench.agents"
-SET_BY_THE_RUN = ("seed", "device")  # what every factory is given, so no hyperparameter
+SET_BY_THE_RUN = ("seed", "device", "self")  # no hyperparameters
+NUM_ENVS = 12  # for an agent that does not name it
+NAMED = (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 Policy = Callable[[Any], Any]
 """Takes an observation of a single environment and returns an action for it."""
 
 
 class Agent(Protocol):
-    """Anything that trains."""
+    """An agent owns its training loop."""
 
     def train(self, envs: VectorEnv[Any, Any, Any], budget: int) -> Iterator[Mapping[str, float]]:
-        """Train in `envs`, which arrive seeded, and yield metrics after each update.
+        """Train in `envs`, which are already seeded, and yield metrics after each update.
 
-        The harness stops asking once `budget` environment steps are taken; a schedule may rely on that number. Metrics
-        called `env_steps` and `wall_time_s` are the harness's own: an agent's of that name are left out.
+        The harness stops the loop once `budget` environment steps are taken; a schedule may rely on that number. The
+        harness writes the metrics `env_steps` and `wall_time_s` itself: an agent's of these names are left out.
         """
         ...
 
@@ -45,20 +47,20 @@ class Resumable(Protocol):
         ...
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take such a state; `train` then goes on from it without resetting the environments."""
+        """Take such a state; `train` then continues from it without resetting the environments."""
         ...
 
 
 @runtime_checkable
 class Playable(Resumable, Protocol):
-    """An agent that can show what it has learned, apart from training."""
+    """An agent that can act with what it has learned, outside training."""
 
     def weights(self) -> Mapping[str, Any]:
-        """Return the part of the state that acting needs; a finished run keeps it."""
+        """Return the part of the state that acting needs; it is written when a run is finished."""
         ...
 
     def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Policy:
-        """Return how the agent acts with what `load_state_dict` was given, a whole state or the weights alone.
+        """Return the policy for what `load_state_dict` was given: a whole state, or the weights alone.
 
         Args:
             observation_space: That of a single environment.
@@ -71,13 +73,13 @@ class Playable(Resumable, Protocol):
 class AgentFactory(Protocol):
     """Makes an agent from keyword arguments.
 
-    Two attributes are optional: `privileged` (bool, default False) says that the agent sees what an ordinary one
-    does not; `hyperparameters(domain, overrides)` resolves presets. Without the latter the hyperparameters are the
-    factory's own keyword arguments and their defaults.
+    Two attributes are optional. `privileged` (bool, default False) says that the agent sees more than an ordinary one.
+    `hyperparameters(domain, overrides)` or, of an agent with presets, `hyperparameters(domain, overrides, preset=...)`
+    returns all hyperparameters. Without it they are the factory's keyword arguments and their defaults.
     """
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> Agent:
-        """Return an agent whose every random choice follows from `seed`."""
+        """Return an agent; all its random choices depend on `seed` alone."""
         ...
 
 
@@ -96,12 +98,12 @@ def load_factory(name: str) -> AgentFactory:
     target = name if ":" in name else _installed(name)
     factory: AgentFactory = load_attribute(target)
     if not callable(factory):
-        raise ValueError(f"Agent {name!r}: {target!r} is not a callable factory.")
+        raise ValueError(f"agent is {name!r}; it must name a callable factory, which {target!r} is not.")
     return factory
 
 
 def load_attribute(target: str) -> Any:
-    """Return what "module:attribute" names, or None where the module has no such attribute."""
+    """Return the value of "module:attribute", or None if the module has no such attribute."""
     module, _, attribute = target.partition(":")
     found: Any = importlib.import_module(module)
     for part in attribute.split("."):
@@ -112,50 +114,53 @@ def load_attribute(target: str) -> Any:
 def _installed(name: str) -> str:
     found = {entry.name: entry.value for entry in entry_points(group=GROUP)}
     if name not in found:
-        raise ValueError(unknown("agent", name, found) + " An agent of your own is named as package.module:factory.")
+        raise ValueError(unknown("agent", name, found) + " Name your own as package.module:factory.")
     return found[name]
 
 
-def resolve_hyperparameters(factory: AgentFactory, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the full set of hyperparameters that `factory` will be called with in `domain`.
+def resolve_hyperparameters(
+    factory: AgentFactory, domain: str, overrides: Mapping[str, Any], preset: str = ""
+) -> tuple[dict[str, Any], int]:
+    """Resolve and check all hyperparameters of a run, once.
+
+    Args:
+        factory: The agent's.
+        domain: Of the task, such as "grid".
+        overrides: What differs from the preset. `num_envs` may always be among them.
+        preset: The name of a preset, or empty for the domain's own.
+
+    Returns:
+        What `factory` will be called with, and the number of sub-environments: the hyperparameter `num_envs`, or 12
+        for an agent that has none.
 
     Raises:
-        ValueError: An override has an unknown name or a value out of range, or one without a default is not given.
+        ValueError: There is no such preset or hyperparameter, a value is out of range, or one without a default is
+            missing.
     """
-    resolve: Callable[..., dict[str, Any]] = getattr(factory, "hyperparameters", None) or _from_signature(factory)
-    return dict(resolve(domain, dict(overrides)))
+    if "preset" in overrides:
+        preset = overrides["preset"]
+        raise ValueError(f"preset is {preset!r}; it must be named behind the agent, as in AGENT@{preset}.")
+    given = dict(overrides)
+    known = _resolve(factory, domain, {}, preset)
+    num_envs = None if "num_envs" in known else given.pop("num_envs", NUM_ENVS)
+    resolved = _resolve(factory, domain, given, preset)
+    missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]
+    if missing:
+        raise ValueError(f"Hyperparameters of the agent without a default must be given: {', '.join(missing)}.")
+    return resolved, resolved["num_envs"] if num_envs is None else num_envs
 
 
-def has_hyperparameter(factory: AgentFactory, domain: str, name: str) -> bool:
-    """Return whether `factory` names such a hyperparameter in `domain`, with a default or without."""
+def _resolve(factory: AgentFactory, domain: str, overrides: Mapping[str, Any], preset: str) -> dict[str, Any]:
+    """Ask the factory or read its signature; a missing value is `Parameter.empty`."""
     resolve = getattr(factory, "hyperparameters", None)
-    return name in (resolve(domain, {}) if resolve else _keywords(factory))
-
-
-def _keywords(factory: AgentFactory) -> dict[str, Any]:
-    """Return the hyperparameters in a signature with their defaults, `Parameter.empty` where there is none."""
-    return {
-        parameter.name: parameter.default
-        for parameter in inspect.signature(factory).parameters.values()
-        if parameter.name not in (*SET_BY_THE_RUN, "self")
-        and parameter.kind in (inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    }
-
-
-def _from_signature(factory: AgentFactory) -> Callable[..., dict[str, Any]]:
-    known = _keywords(factory)
-    kinds = {parameter.kind for parameter in inspect.signature(factory).parameters.values()}
-    takes_any = inspect.Parameter.VAR_KEYWORD in kinds
-
-    def resolve(_domain: str, overrides: dict[str, Any]) -> dict[str, Any]:
-        """Return the defaults in the signature under the overrides, whatever the domain."""
-        for name in overrides:
-            if name in SET_BY_THE_RUN or (name not in known and not takes_any):
-                raise ValueError(unknown("hyperparameter", name, known))
-        resolved = {**known, **overrides}
-        missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]
-        if missing:
-            raise ValueError(f"The agent's hyperparameters without a default must be given: {', '.join(missing)}.")
-        return resolved
-
-    return resolve
+    if preset and (resolve is None or "preset" not in inspect.signature(resolve).parameters):
+        raise ValueError(f"preset is {preset!r}; it must be left out, as this agent has no presets.")
+    if resolve is not None:
+        return dict(resolve(domain, overrides, **({"preset": preset} if preset else {})))
+    parameters = [one for one in inspect.signature(factory).parameters.values() if one.name not in SET_BY_THE_RUN]
+    known = {one.name: one.default for one in parameters if one.kind in NAMED}
+    takes_any = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters)
+    for name in overrides:
+        if name in SET_BY_THE_RUN or (name not in known and not takes_any):
+            raise ValueError(unknown("hyperparameter", name, known))
+    return {**known, **overrides}

@@ -1,8 +1,8 @@
-"""Checkpoints: nested state in one file, and nothing in it that could run.
+"""Checkpoints: nested state in one file, without executable content.
 
 A safetensors file holds the arrays; its header holds, as JSON, the nesting, every other value, and a digest of it all.
-One file, renamed into place, so no crash can mix two states. Mappings (with keys of any plain type), lists, tuples,
-None, bool, int, float, str, NumPy arrays and scalars, and torch tensors come back as what they were.
+It is one file, renamed into place, so no crash can mix two states. Mappings (with keys of any plain type), lists,
+tuples, None, bool, int, float, str, NumPy arrays and scalars, and torch tensors keep their types.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ Array = npt.NDArray[Any]
 
 
 class BrokenCheckpointError(ValueError):
-    """A file that is no whole checkpoint."""
+    """A file that is not a whole checkpoint."""
 
 
 def save(path: Path, state: Mapping[str, Any]) -> None:
-    """Write `state` so that `path` holds either what it held before or all of it.
+    """Write `state` to `path`, whole or not at all.
 
     Raises:
         TypeError: The state holds something that is neither plain data nor an array; the message says where.
@@ -74,7 +74,7 @@ def _digest(tree: str, arrays: Mapping[str, Array]) -> str:
 
 
 def _flatten(value: Any, place: str, arrays: dict[str, Array]) -> Any:
-    """Return a JSON form of `value`: plain values as they are, everything else as [kind, content].
+    """Return a JSON form of `value`: plain values unchanged, all others as [kind, content].
 
     Raises:
         TypeError: There is no such form.

@@ -1,4 +1,4 @@
-"""The optional extras: what each is for, which modules it brings, and how to install it."""
+"""The optional extras: their purpose, their modules, and how to install them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Extra:
     """One optional extra of the package.
 
     Attributes:
-        modules: What it installs, the module that tells whether it is there first.
-        purpose: What needs it.
+        modules: Those it installs; the first one shows whether it is installed.
+        purpose: The part of the package that needs it.
     """
 
     modules: tuple[str, ...]
@@ -44,6 +44,11 @@ def advice(extra: str) -> str:
     return f"pip install 'sprl-bench[{extra}]'"
 
 
+def not_installed(module: str) -> str:
+    """Return the sentence that says how to install a module of an extra."""
+    return f"{module} is not installed; install it with: {advice(extra_of(module) or module)}"
+
+
 def require_extra(module: str) -> Any:
     """Import a module of an extra.
 
@@ -53,6 +58,4 @@ def require_extra(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError:
-        raise ModuleNotFoundError(
-            f"{module} is not installed; install it with: {advice(extra_of(module) or module)}", name=module
-        ) from None
+        raise ModuleNotFoundError(not_installed(module), name=module) from None

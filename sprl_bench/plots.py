@@ -1,7 +1,7 @@
 """Learning curves: one panel a task, one line an agent, the mean over seeds and its 95 % bootstrap band.
 
-Drawn without a display. Colours are those of Okabe and Ito, which colour-blind readers tell apart; dashes come in once
-they are used up. matplotlib is loaded when something is drawn.
+Drawn without a display. The colours are those of Okabe and Ito, safe for colour-blind readers; when they are used up,
+dashes follow. matplotlib is loaded when something is drawn.
 """
 
 from __future__ import annotations
@@ -18,15 +18,7 @@ import numpy as np
 from sprl_bench import scores
 from sprl_bench.records import RunRecord, RunSpec, write_bytes
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import (
-    BOOTSTRAP_SEED,
-    MissingRunsError,
-    Result,
-    Table,
-    tabulate,
-    tabulate_results,
-    task_names,
-)
+from sprl_bench.tables import BOOTSTRAP_SEED, MissingRunsError, Result, Table, tabulate, tabulate_results, task_names
 
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes
@@ -73,19 +65,7 @@ def plot(
 ) -> None:
     """Draw the learning curves of these records into a file; the same records give the same bytes.
 
-    Args:
-        records: Finished runs; incomplete ones count as missing.
-        output: A .png, .svg or .pdf file.
-        tasks: The tasks to show, or None for all tasks of each suite.
-        agents: The agents to show, or None for all.
-        planned: Runs that were asked for: those without a record count as missing.
-        allow_missing: Draw what is there, and say in the legend how many seeds it is.
-
-    Raises:
-        MissingRunsError: Runs are missing and `allow_missing` is false.
-        IncomparableError: The records must not share a picture.
-        ValueError: There is no finished run, a task or an agent is unknown, or the file's suffix is another.
-        ModuleNotFoundError: matplotlib is not installed.
+    The arguments and errors are those of `sprl_bench.tables.tabulate`; `output` is a .png, .svg or .pdf file.
     """
     _check_suffix(output)
     everything = list(records)
@@ -118,7 +98,7 @@ def _check_suffix(output: Path) -> None:
 
 
 def _write(tables: Sequence[Table], results: Collection[Result], output: Path) -> None:
-    """Draw into a file what `draw_curves` draws."""
+    """Write the figure of `draw_curves` to a file."""
     import matplotlib as mpl  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     suffix = output.suffix.lower()
@@ -134,7 +114,7 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
     """Return a figure with one panel for each task of each table.
 
     Args:
-        tables: Which suites, tasks and agents.
+        tables: The suites, tasks and agents to draw.
         results: Their runs, and maybe others.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
@@ -165,7 +145,7 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
 
 
 def _looks(agents: Iterable[str]) -> dict[str, Look]:
-    """Return each agent's look; an agent's presets, as in sprl@tuned, share its colour and differ in dashes."""
+    """Return each agent's look; its presets, as sprl@tuned, have its colour and other dashes."""
     looks: dict[str, Look] = {}
     families: dict[str, str] = {}
     for agent in sorted(set(agents), key=lambda name: ("@" in name, name)):
@@ -193,7 +173,7 @@ def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -
 
 
 def _range(runs: Sequence[Result]) -> tuple[float, float]:
-    """Return the range of one task's scores, made wider where returns leave it, as in a task of no suite they may."""
+    """Return the range of one task's scores, widened to the returns: in a task of no suite they may leave it."""
     values = [value for run in runs for value in (*run.task.score_range, min(run.return_curve), max(run.return_curve))]
     return min(values), max(values)
 
@@ -208,7 +188,7 @@ def _draw_agent(axes: Axes, curves: scores.Array, budget: int, look: Look) -> No
 
 
 def _inches(text: str) -> float:
-    """Return how wide a text is in the legend."""
+    """Return the width of a text in the legend."""
     from matplotlib import rcParams  # noqa: PLC0415 - the extra `plots`, and slow to load
     from matplotlib.textpath import TextPath  # noqa: PLC0415 - likewise
 
@@ -225,7 +205,7 @@ def _draw_legend(figure: Figure, looks: Sequence[Look], names: Sequence[str], co
 
 
 def _describe(agent: str, tables: Sequence[Table]) -> str:
-    """Return "(5 seeds)", as a range where tasks differ, with a dagger for a privileged agent."""
+    """Return "(5 seeds)", a range if tasks differ, with a dagger for a privileged agent."""
     rows = [row for table in tables for row in table.rows if row.agent == agent]
     counts = sorted({len(cell.seeds) for row in rows for cell in row.cells})
     number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"

@@ -1,7 +1,7 @@
-"""Who acts in a video: a name becomes a function from one observation to one action.
+"""The policy of a video: from its name to a function from one observation to one action.
 
-A policy is `random`, `still`, the exact `solver` of the grids, any function of one's own, or what an agent has learned
-in a run. The agent itself says how it acts (`sprl_bench.agents.Playable`); nothing here knows how any agent works.
+A policy is `random`, `still`, the exact `solver` of the grids, a function of your own, or the trained agent of a run,
+which gives its own policy (`sprl_bench.agents.Playable`).
 """
 
 from __future__ import annotations
@@ -26,67 +26,56 @@ from sprl_bench.tasks import Argument
 
 Env = gymnasium.Env[Any, Any]
 
-MANY_RUNS: Final = 5  # as many as a message names
+MANY_RUNS: Final = 5  # in one message
 
 
 class UnplayableRunError(ValueError):
-    """A run whose agent cannot be brought back to act."""
+    """A run whose agent cannot act."""
 
 
 @dataclass(frozen=True)
 class Actor:
-    """Whoever acts, before there is an environment to act in.
+    """A policy before it has an environment."""
 
-    Attributes:
-        begin: Gives the policy for an environment; every random choice follows from the seed.
-        arguments: Those of the environment in which it learned; none where it did not learn.
-    """
-
-    begin: Callable[[Env, int], Policy]
-    arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))
+    begin: Callable[[Env, int], Policy]  # from an environment and a seed
+    arguments: Mapping[str, Argument] = field(default_factory=lambda: MappingProxyType({}))  # of its training
 
 
 def find_actor(name: str | Path | Policy, agent: str | None = None) -> Actor:
-    """Return who is called `random`, `still`, `solver`, "package.module:function", or by the folder of a run.
+    """Return the actor of a name.
 
     Args:
-        name: That, or a function of one's own, which takes an observation and returns an action.
-        agent: Where the run's agent is none of the installed ones: its "package.module:factory". A run's files may be
-            anyone's, so no code is loaded because they name it.
+        name: `random`, `still`, `solver`, "package.module:function", a run's folder, or a function from an observation
+            to an action.
+        agent: The "package.module:factory" of a run's agent, unless it is an installed one: no code is loaded because
+            a file names it.
 
     Raises:
-        ValueError: Nobody is.
+        ValueError: There is no such policy.
         ModuleNotFoundError: The module, or something that it needs, is not installed.
-        UnplayableRunError: The folder is a run's, but its agent cannot be brought back, or has to be named.
+        UnplayableRunError: The folder is a run's, but its agent cannot act, or has to be named.
     """
     if isinstance(name, Path):
         name = str(name)
     if not isinstance(name, str):
-        return _given(name)
+        return _given(name, name)
     if (Path(name) / SPEC).is_file() and name not in _NAMED:
         return _trained(Path(name), agent)
     if agent is not None:
-        raise ValueError(f"agent is {agent!r}; it goes with the folder of a run, not with policy {name!r}.")
+        raise ValueError(f"agent is {agent!r}; it must be left out, as policy {name!r} is not the folder of a run.")
     if name in _NAMED:
         return Actor(_NAMED[name])
     if ":" in name:
-        return _given(_import(name))
+        return _given(name, load_attribute(name))
     raise ValueError(
-        unknown("policy", name, NAMES) + " One of your own is named as package.module:function, a run by its folder."
+        unknown("policy", name, NAMES) + " Name your own as package.module:function, and a run by its folder."
     )
 
 
-def _given(policy: Policy) -> Actor:
+def _given(name: object, policy: Policy) -> Actor:
     if not callable(policy):
-        raise ValueError(f"policy is {policy!r}; it must be a name, a run's folder, or a function of an observation.")
+        raise ValueError(f"policy is {name!r}; it must be a name, a run's folder, or a function of an observation.")
     return Actor(lambda _env, _seed: policy)
-
-
-def _import(name: str) -> Policy:
-    policy: Policy = load_attribute(name)
-    if not callable(policy):
-        raise ValueError(f"Policy {name!r} is not a function that takes an observation and returns an action.")
-    return policy
 
 
 def _random(env: Env, seed: int) -> Policy:
@@ -96,11 +85,7 @@ def _random(env: Env, seed: int) -> Policy:
 
 
 def _still(env: Env, _seed: int) -> Policy:
-    """Do nothing: no displacement, or the grids' "done".
-
-    Raises:
-        ValueError: There is no action that does nothing.
-    """
+    """Do nothing: no displacement, or the grids' "done"."""
     space = env.action_space
     if isinstance(space, spaces.Box):
         zeros = np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
@@ -112,11 +97,7 @@ def _still(env: Env, _seed: int) -> Policy:
 
 
 def _solver(env: Env, _seed: int) -> Policy:
-    """Follow a shortest path.
-
-    Raises:
-        ValueError: The environment is not one of the grids that the solver knows.
-    """
+    """Follow a shortest path."""
     _require_grid(env, "solver")
     from sprl_bench.solver import optimal_actions  # noqa: PLC0415 - loads numba
 
@@ -133,17 +114,16 @@ _NAMED: Mapping[str, Callable[[Env, int], Policy]] = MappingProxyType(
     {"random": _random, "solver": _solver, "still": _still}
 )
 NAMES: Final = tuple(_NAMED)
-"""The policies that have a name."""
 
 
 def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
-    """Return the folder, `root` or below it, of the only run in this environment, by this agent if one is named.
+    """Return the folder, `root` or below it, of the only run in this environment, of this agent if one is named.
 
     The agent is named as in tables, or as "package.module:factory".
 
     Raises:
         ValueError: There are several.
-        FileNotFoundError: There is none; those that a script recorded do not count.
+        FileNotFoundError: There is none; recorded scripts do not count.
         InvalidFileError: The spec of a run there is broken.
     """
     specs = {path.parent: read(path, RunSpec) for path in sorted(root.rglob(SPEC))}
@@ -154,7 +134,7 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     ]
     wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
     if not folders:
-        hint = " Runs that a script recorded are passed over: they keep no agent." if _holds_scripts(root) else ""
+        hint = " Recorded scripts do not count: they keep no agent." if _holds_scripts(root) else ""
         raise FileNotFoundError(f"{root} holds no {wanted}.{hint}")
     if len(folders) > 1:
         names = [*map(str, folders[:MANY_RUNS]), *(["..."] if len(folders) > MANY_RUNS else [])]
@@ -163,16 +143,16 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
 
 
 def _holds_scripts(root: Path) -> bool:
-    """Whether there are records of scripts that only recorded, and no run that keeps its spec."""
+    """Return whether there are records, but only of scripts."""
     return not any(root.rglob(SPEC)) and any(root.rglob(RECORD))
 
 
 def _trained(folder: Path, agent: str | None) -> Actor:
-    """Return the agent of a run, as it was in the end, or at the last checkpoint of one that has not ended."""
+    """Return the agent of a run, as at its end or, if unfinished, at its last checkpoint."""
     spec = read(folder / SPEC, RunSpec)
     if ":" in spec.source and spec.source != agent:
         raise UnplayableRunError(
-            f"{folder} says that its agent is {spec.source!r}: code of your own is loaded only where you name it, as "
+            f"The agent of {folder} is {spec.source!r}: your own code is loaded only if you name it, as "
             f"--agent {spec.source} or agent={spec.source!r}."
         )
     if agent not in (None, spec.agent, spec.source):
@@ -180,8 +160,8 @@ def _trained(folder: Path, agent: str | None) -> Actor:
     saved = [folder / name for name in (CHECKPOINT, WEIGHTS) if (folder / name).exists()]
     if not saved:
         raise UnplayableRunError(
-            f"{folder} keeps nothing that agent {spec.agent!r} has learned: {WEIGHTS} is left by a finished run whose "
-            f"agent can show it, {CHECKPOINT} by an interrupted one."
+            f"{folder} has no trained agent {spec.agent!r}: it must hold {WEIGHTS}, which a finished run of an agent "
+            f"with a policy() leaves, or {CHECKPOINT}."
         )
 
     def begin(env: Env, seed: int) -> Policy:
@@ -197,6 +177,6 @@ def _restore(file: Path, spec: RunSpec) -> Playable:
     factory = load_factory(spec.source or spec.agent)
     agent = factory(seed=spec.seed, device="cpu", **spec.hyperparameters)
     if not isinstance(agent, Playable):
-        raise UnplayableRunError(f"Agent {spec.agent!r} cannot show what it has learned: it has no method policy().")
+        raise UnplayableRunError(f"Agent {spec.agent!r} cannot act: it has no method policy().")
     agent.load_state_dict(checkpoint.load(file)["agent"])
     return agent

@@ -1,4 +1,4 @@
-"""What belongs to the process and not to the run in it: torch's modes and the signals, set for a run and put back."""
+"""State of the process, set for a run and restored after it: torch's modes and the signal handlers."""
 
 from __future__ import annotations
 
@@ -15,20 +15,18 @@ from sprl_bench.records import RunSpec
 
 @contextlib.contextmanager
 def torch_set_up(spec: RunSpec) -> Iterator[None]:
-    """Set torch up as the run has it, if the agent has loaded it, and put back what was there.
+    """Set torch's modes for a run, if the agent has loaded torch, and restore them after it.
 
-    That is threads, denormal numbers counted as 0, and on a GPU the algorithms that give the same bits each time, as
-    far as torch has them; it warns of the others.
+    Sets the threads and flushes denormal numbers to 0; on a GPU it also chooses deterministic algorithms, and torch
+    warns of those that it lacks.
     """
     torch = sys.modules.get("torch")
     if torch is None:
         yield
         return
     threads, flushed = torch.get_num_threads(), float.fromhex("0x1p-1022") * 0.5 == 0.0
-    deterministic, warns = (
-        torch.are_deterministic_algorithms_enabled(),
-        torch.is_deterministic_algorithms_warn_only_enabled(),
-    )
+    deterministic = torch.are_deterministic_algorithms_enabled()
+    warns = torch.is_deterministic_algorithms_warn_only_enabled()
     torch.set_num_threads(spec.torch_threads)
     torch.set_flush_denormal(True)
     if spec.device != "cpu":
@@ -42,9 +40,9 @@ def torch_set_up(spec: RunSpec) -> Iterator[None]:
 
 
 class StopSignals:
-    """Turns the first SIGTERM or SIGINT into a request; the second one acts as it would have without.
+    """Turns the first SIGTERM or SIGINT into a request to stop; the second one acts as usual.
 
-    One that is ignored stays so: workers ignore Ctrl-C, since who started them hears it too and tells them.
+    An ignored signal stays ignored: workers ignore Ctrl-C, since the parent receives it too and stops them.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
-"""How a suite is going, shown while it goes: live bars on a terminal, plain lines elsewhere.
+"""The progress of a suite: live bars on a terminal, plain lines elsewhere.
 
-Both read the runs' folders and nothing else, so they look alike wherever the runs are worked on.
+Both read only the runs' folders, so they work for every executor.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rich.text import Text
 from sprl_bench.records import RunSpec
 from sprl_bench.suite import Observer, Outcome, RunState, state_of
 
-LIVE_S: Final = 1.0  # between two looks at the folders
+LIVE_S: Final = 1.0  # between two readings of the folders
 PLAIN_S: Final = 10.0
 
 
@@ -32,7 +32,7 @@ def make_observer(stream: TextIO | None = None) -> Observer:
 
 
 def duration(seconds: float | None) -> str:
-    """Return seconds as people say them: "42 s", "3 min 05 s", "2 h 10 min", and "?" where unknown."""
+    """Return seconds as "42 s", "3 min 05 s" or "2 h 10 min", or "?" if unknown."""
     if seconds is None:
         return "?"
     whole = round(seconds)
@@ -44,7 +44,7 @@ def duration(seconds: float | None) -> str:
 
 
 class _Overview:
-    """All runs of a suite taken together."""
+    """All runs of a suite together."""
 
     def __init__(self, specs: Sequence[RunSpec], out: Path) -> None:
         self._specs, self._out = specs, out
@@ -52,41 +52,23 @@ class _Overview:
         self.look()
 
     def look(self) -> None:
-        """Read the folders again; what is finished stays so."""
+        """Read the folders of unfinished runs again."""
         known = {state.spec.path(self._out): state for state in self.states if state.status == "finished"}
         self.states = [known.get(spec.path(self._out)) or state_of(spec, self._out) for spec in self._specs]
-
-    @property
-    def running(self) -> list[RunState]:
-        return [state for state in self.states if state.status == "running"]
-
-    @property
-    def finished(self) -> int:
-        return sum(state.status == "finished" for state in self.states)
-
-    @property
-    def budget(self) -> int:
-        return sum(state.spec.task.budget for state in self.states)
-
-    @property
-    def env_steps(self) -> int:
-        return sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
-
-    @property
-    def steps_per_second(self) -> float:
-        return sum(state.steps_per_second for state in self.running)
-
-    @property
-    def seconds_left(self) -> float | None:
-        steps, speed = self.budget - self.env_steps, self.steps_per_second
-        return steps / speed if speed else None if steps else 0.0
+        self.running = [state for state in self.states if state.status == "running"]
+        self.finished = sum(state.status == "finished" for state in self.states)
+        self.budget = sum(state.spec.task.budget for state in self.states)
+        self.env_steps = sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
+        self.speed = sum(state.steps_per_second for state in self.running)
 
     def summary(self) -> str:
         """Return one line."""
         done = f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps"
         if self.finished == len(self.states):
             return done
-        return f"{done}, {self.steps_per_second:,.0f} steps/s, {duration(self.seconds_left)} left"
+        steps = self.budget - self.env_steps
+        left = steps / self.speed if self.speed else None if steps else 0.0
+        return f"{done}, {self.speed:,.0f} steps/s, {duration(left)} left"
 
 
 def _label(spec: RunSpec) -> str:
@@ -118,7 +100,7 @@ class PlainProgress(Observer):
             self._print(self._overview.summary())
 
     def ended(self, outcome: Outcome) -> None:
-        """Print what became of a run."""
+        """Print the end of a run."""
         self._print(_news(outcome))
 
     def closed(self) -> None:
@@ -133,7 +115,7 @@ class PlainProgress(Observer):
 
 
 class LiveProgress(Observer):
-    """One bar for the suite and a line for each run that is worked on; runs that ended stay above."""
+    """One bar for the suite and a line for each running run; ended runs stay above."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -146,7 +128,7 @@ class LiveProgress(Observer):
         self._live.start()
 
     def ended(self, outcome: Outcome) -> None:
-        """Print what became of a run above the bars, unless it had been finished before."""
+        """Print the end of a run above the bars, unless it was skipped."""
         if outcome.status != "skipped":
             self._console.print(Text(_news(outcome), style="red" if outcome.status == "failed" else "green"))
 

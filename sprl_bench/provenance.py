@@ -1,4 +1,7 @@
-"""What a run ran on: versions, code, hardware, memory."""
+"""Provenance: with which versions, code and hardware a run was made, as one frozen value.
+
+It is taken once, at the start of a run, and stored in its checkpoint and its record.
+"""
 
 from __future__ import annotations
 
@@ -10,29 +13,97 @@ import re
 import resource
 import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any, Final, Self
 
 import psutil
 
 from sprl_bench.records import Hardware
 
+MANY_COMMITS: Final = 6  # what fits a line of a record, at 47 letters with "-dirty" and a comma
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """The code, the versions and the machine of a run.
+
+    Attributes:
+        git_commits: Of this package's checkout, one for each build that the run used; none for a wheel.
+        agent_code: Hash of the agent's own file, or None; see `agent_code`.
+        versions: Of Python, the platform and every loaded package.
+        hardware: The machine.
+        torch_threads: Of this process; 1 without torch.
+        peak_memory_mib: The most memory that any process of the run had resident.
+    """
+
+    git_commits: tuple[str, ...]
+    agent_code: str | None
+    versions: Mapping[str, str]
+    hardware: Hardware
+    torch_threads: int
+    peak_memory_mib: float
+
+    @classmethod
+    def take(cls, source: str) -> Self:
+        """Return the provenance of this process, at the start of a run.
+
+        Args:
+            source: The agent's, as in `RunSpec.source`; its module has been loaded.
+        """
+        commits = tuple(filter(None, [git_commit()]))
+        return cls(commits, agent_code(source), versions(), hardware(), _torch_threads(), peak_memory_mib())
+
+    def completed(self) -> Self:
+        """Return the provenance at the end of a run: with packages loaded since, the GPU, threads and memory."""
+        peak = max(self.peak_memory_mib, peak_memory_mib())
+        threads = _torch_threads()
+        return replace(self, versions=versions(), hardware=hardware(), torch_threads=threads, peak_memory_mib=peak)
+
+    def continuing(self, earlier: Mapping[str, Any]) -> Self:
+        """Return the provenance of a continued run; `earlier` is the `as_dict` of its last process."""
+        commits = tuple(dict.fromkeys((*earlier["git_commits"], *self.git_commits)))
+        return replace(self, git_commits=commits, peak_memory_mib=earlier["peak_memory_mib"])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, as a checkpoint takes them."""
+        return {**vars(self), "hardware": self.hardware.model_dump()}
+
+    @property
+    def device(self) -> str:
+        """The kind of device: "cuda" if torch has used a GPU, else "cpu"."""
+        return "cuda" if self.hardware.gpu else "cpu"
+
+    @property
+    def git_commit(self) -> str | None:
+        """The commits in one short line: of many, the first and the last; None without a checkout."""
+        if len(self.git_commits) <= MANY_COMMITS:
+            return ", ".join(self.git_commits) or None
+        return f"{self.git_commits[0]}, {len(self.git_commits) - 2} others, {self.git_commits[-1]}"
+
+
+def surroundings() -> dict[str, str]:
+    """Return the version of Python, and the platform with its C library."""
+    library = "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")
+    return {"python": platform.python_version(), "platform": library}
+
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, of the C library, and of every installed package that this process has loaded.
+    """Return the versions of Python, of the platform, and of every installed package that this process has loaded.
 
-    Whatever can move a number has been loaded when the run is over, so no list of such packages is needed.
+    At the end of a run, everything that can move a number has been loaded, so no list of such packages is needed.
     """
     loaded = {name.partition(".")[0] for name in sys.modules}
     packages = {package for module in loaded for package in _packages_by_module().get(module, ())}
     packages.add("sprl-bench")  # an editable install does not list its modules
     found = {package.lower().replace("_", "-"): metadata.version(package) for package in packages}
-    library = "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")
-    return {"python": platform.python_version(), "platform": library, **dict(sorted(found.items()))}
+    return {**surroundings(), **dict(sorted(found.items()))}
 
 
 def installed(package: str) -> str | None:
-    """Return the version of a package that need not be loaded; None if it is not installed."""
+    """Return the version of a package, loaded or not; None if it is not installed."""
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -46,11 +117,7 @@ def _packages_by_module() -> dict[str, list[str]]:
 
 @functools.cache
 def git_commit() -> str | None:
-    """Return the commit of the checkout that this code is from, "-dirty" behind it where files differ.
-
-    Returns:
-        None where the code is not under version control, as in an installed wheel.
-    """
+    """Return this code's commit, with "-dirty" if files are changed; None without version control, as in a wheel."""
     here = Path(__file__)
     if _git("ls-files", "--error-unmatch", here.name) is None:
         return None
@@ -67,15 +134,15 @@ def _git(*arguments: str) -> str | None:
 
 
 def agent_code(source: str) -> str | None:
-    """Return the hash of the file of an agent that is named by it, or of the script: 16 hexadecimal digits.
+    """Return the hash of the file of an agent given as "package.module:attribute", or of the running script.
 
-    No version need stand for such a file. What it imports does not count.
+    Such a file may have no version. Modules that it imports do not count.
 
     Args:
-        source: "package.module:attribute", whose module has been loaded; empty for the script that is running.
+        source: "package.module:attribute", whose module has been loaded; empty for the script.
 
     Returns:
-        None for an agent that has a name of its own, and where there is no file, as in a notebook.
+        16 hexadecimal digits; None for an installed agent, and without a file, as in a notebook.
     """
     if source and ":" not in source:
         return None
@@ -88,12 +155,9 @@ def agent_code(source: str) -> str | None:
 
 
 def hardware() -> Hardware:
-    """Return what the process runs on."""
+    """Return a description of this machine."""
     return Hardware(
-        cpu=_cpu(),
-        cores=os.cpu_count() or 1,
-        memory_gib=round(psutil.virtual_memory().total / 2**30, 1),
-        gpu=_gpu(),
+        cpu=_cpu(), cores=os.cpu_count() or 1, memory_gib=round(psutil.virtual_memory().total / 2**30, 1), gpu=_gpu()
     )
 
 
@@ -105,12 +169,9 @@ def _cpu() -> str:
     return named[1].strip() if named else platform.processor() or platform.machine()
 
 
-def computing() -> dict[str, str | int]:
-    """Return the device and the torch threads that this process computes with, as far as torch tells."""
+def _torch_threads() -> int:
     torch = sys.modules.get("torch")
-    if torch is None:
-        return {"device": "cpu", "torch_threads": 1}
-    return {"device": "cuda" if torch.cuda.is_initialized() else "cpu", "torch_threads": torch.get_num_threads()}
+    return torch.get_num_threads() if torch else 1
 
 
 def _gpu() -> str | None:
@@ -122,9 +183,9 @@ def _gpu() -> str | None:
 
 
 def peak_memory_mib() -> float:
-    """Return the most memory that this process has had resident since it started, in MiB."""
+    """Return the most memory that this process has had resident, in MiB."""
     status = Path("/proc/self/status")
     peak = re.search(r"^VmHWM:\s*(\d+) kB$", status.read_text(), re.MULTILINE) if status.exists() else None
-    # getrusage would count the parent's peak as well in a process that was started by fork and exec.
+    # After fork and exec, getrusage would count the parent's peak as well.
     kibibytes = int(peak[1]) if peak else resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return round(kibibytes / 1024, 1)

@@ -1,7 +1,7 @@
 """One run, in this process: a spec in, a record out, and a checkpoint in between.
 
-The harness owns the clock, the budget and the files; the agent owns its loop and yields after each update. A run that
-was interrupted goes on from its last checkpoint and comes to exactly what it would have come to.
+The harness owns the clock, the budget and the files; the agent owns its loop and yields after each update. An
+interrupted run continues from its last checkpoint and gives exactly the same record as an uninterrupted one.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,30 +20,22 @@ import numpy as np
 from gymnasium.envs.registration import make_vec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench import checkpoint, provenance
+from sprl_bench import checkpoint
 from sprl_bench.agents import Playable, Resumable, load_factory
 from sprl_bench.process import StopSignals, torch_set_up
+from sprl_bench.provenance import Provenance
 from sprl_bench.recorder import VectorRecorder
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import write_result
-from sprl_bench.records import RunRecord, RunSpec, differences, read, write
-from sprl_bench.records.folder import CHECKPOINT, ERROR, METRICS, RECORD, SPEC, WEIGHTS, lock, remove_leftovers
+from sprl_bench.records import RunRecord, RunSpec, write
+from sprl_bench.records.folder import CHECKPOINT, ERROR, METRICS, SPEC, WEIGHTS, lock, remove_leftovers
+from sprl_bench.resume import find_finished, load_checkpoint, other_build
 
 logger = logging.getLogger("sprl_bench")
 
-MANY_COMMITS = 6  # what fits a line of a record, at 47 letters with "-dirty" and a comma
-
 
 class InterruptedRunError(RuntimeError):
-    """The run was asked to stop; starting it again goes on."""
-
-
-class SpecChangedError(ValueError):
-    """The folder holds a run of another spec under the same name."""
-
-
-class CheckpointRefusedError(ValueError):
-    """A whole checkpoint, but one from which this process would not go on exactly."""
+    """The run was asked to stop; the same call continues it."""
 
 
 def run(
@@ -51,21 +43,21 @@ def run(
 ) -> RunRecord:
     """Train one agent with one seed on one task, and write the run's folder below `out`.
 
-    A finished run is returned as it stands; an interrupted one is continued, provided that the agent is `Resumable`
-    and the environments have `get_state` and `set_state`, and started over otherwise. SIGTERM and SIGINT let the
-    current update finish, write a checkpoint and raise; a second one acts at once.
+    A finished run is read, not repeated. An interrupted run is continued if the agent is `Resumable` and the
+    environments have `get_state` and `set_state`; otherwise it starts over. On SIGTERM or SIGINT the current update
+    finishes, a checkpoint is written and `InterruptedRunError` is raised; a second signal acts at once.
 
     Args:
         spec: The run.
         out: The root of all runs.
         checkpoint_every_s: Seconds between two checkpoints; 0 for one after each update.
-        stop: Asked after each update whether to stop as on a signal.
+        stop: Called after each update; True stops the run as a signal does.
 
     Raises:
         InterruptedRunError: The run was asked to stop.
         SpecChangedError: The folder holds results of another spec.
-        CheckpointRefusedError: The checkpoint was made with other versions of what can move a number.
-        LockedError: Another process is at work on this run.
+        CheckpointRefusedError: The checkpoint was made with other code or versions.
+        LockedError: Another process works on this run.
     """
     folder = spec.path(out)
     with lock(folder):
@@ -76,37 +68,15 @@ def run(
         write(folder / SPEC, spec)
         with contextlib.ExitStack() as opened, StopSignals() as signals:
             session = _Session(spec, folder, opened)
+            session.restore()
             _train(session, checkpoint_every_s, lambda: signals.received or stop())
             return session.finish()
 
 
-def find_finished(folder: Path, spec: RunSpec) -> RunRecord | None:
-    """Return the complete record of `spec` in this folder, or None where there is none yet.
-
-    Raises:
-        SpecChangedError: There are results, but of another spec.
-        InvalidFileError: A file in the folder is broken.
-    """
-    if (folder / RECORD).exists():
-        record = read(folder / RECORD, RunRecord)
-        _refuse_changes(folder, record.spec, spec)
-        return record if record.status == "complete" else None
-    if (folder / CHECKPOINT).exists() and (folder / SPEC).exists():
-        _refuse_changes(folder, read(folder / SPEC, RunSpec), spec)
-    return None
-
-
-def _refuse_changes(folder: Path, on_disk: RunSpec, now: RunSpec) -> None:
-    if changed := differences(on_disk, now):
-        raise SpecChangedError(
-            f"{folder} holds a run of another spec: {'; '.join(changed)}. Use another --out, or remove that folder."
-        )
-
-
 def env_seed(spec: RunSpec) -> int:
-    """Return the seed of the run's environments: 31 bits, independent from run to run and from task to task.
+    """Return the seed of the run's environments: 31 bits, independent for each run seed and task.
 
-    Sub-environment i is seeded with this plus i, so seeds that followed one another would share their streams.
+    Sub-environment i is seeded with this plus i, so consecutive seeds would share streams.
     """
     task = int.from_bytes(hashlib.sha256(spec.task.name.encode()).digest()[:8], "little")
     return int(np.random.SeedSequence([spec.seed, task]).generate_state(1)[0]) >> 1
@@ -115,7 +85,7 @@ def env_seed(spec: RunSpec) -> int:
 def make_envs(
     env_id: str, num_envs: int, arguments: Mapping[str, Any], num_threads: int = 1
 ) -> VectorEnv[Any, Any, Any]:
-    """Make a vector environment in SameStep mode; a batched one uses so many threads at most.
+    """Make a vector environment in SameStep mode; a batched one uses at most `num_threads` threads.
 
     `make_vec` is taken from its own module: inside `recording()` the one in `gymnasium` records.
     """
@@ -133,7 +103,7 @@ def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool
         if session.complete:
             return
         if stop():
-            what_next = "goes on from there" if session.save() else "starts it over"
+            what_next = "continues from there" if session.save() else "starts it over"
             raise InterruptedRunError(f"Interrupted after {session.env_steps} env steps; the same command {what_next}.")
         if time.monotonic() - last >= checkpoint_every_s:
             session.save()
@@ -149,27 +119,40 @@ class _Session:
 
     Args:
         spec: The run.
-        folder: Its folder; if a checkpoint lies there, the run goes on from it.
-        opened: Takes over the closing of what is opened.
+        folder: Its folder; the run continues from the checkpoint there, if it has one.
+        opened: Closes what is opened here.
     """
 
     def __init__(self, spec: RunSpec, folder: Path, opened: contextlib.ExitStack) -> None:
         self.spec, self._folder = spec, folder
-        self._started = time.perf_counter()
-        self._earlier_s, self._earlier_peak_mib = 0.0, 0.0
-        self._commits = [provenance.git_commit()]
+        self._started, self._earlier_s = time.perf_counter(), 0.0
         factory = load_factory(spec.source or spec.agent)
-        self._code, self._processor = provenance.agent_code(spec.source), provenance.hardware().cpu
+        self._provenance = Provenance.take(spec.source)
         opened.enter_context(torch_set_up(spec))
         self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
-        state = self._saved_state()
         self._metrics = opened.enter_context((folder / METRICS).open("ab"))
+
+    def restore(self) -> None:
+        """Continue from the checkpoint, if there is one and this run can; else begin with empty metrics."""
+        path = self._folder / CHECKPOINT
+        if not self._resumable:
+            logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
+        state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
         self._metrics.truncate(state["metrics_bytes"] if state else 0)
-        if state:
-            self._restore(state)
+        if state is None:
+            return
+        try:
+            self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
+            self._envs.episode_log.load_state_dict(state["log"])
+        except (KeyError, ValueError) as error:
+            raise other_build(path, error) from None
+        self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
+        self._earlier_s = state["wall_time_s"]
+        self._provenance = self._provenance.continuing(state["provenance"])
+        logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
 
     @property
     def env_steps(self) -> int:
@@ -190,7 +173,7 @@ class _Session:
     def report(self, metrics: Mapping[str, float]) -> None:
         """Append one line of diagnostics; a number that is not finite is written as null.
 
-        Steps and time are the harness's own: metrics of these names are left out.
+        The harness writes `env_steps` and `wall_time_s`: an agent's metrics of these names are left out.
         """
         numbers = {name: float(value) for name, value in metrics.items()}
         own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3)}
@@ -200,17 +183,13 @@ class _Session:
         self._metrics.flush()
 
     def save(self) -> bool:
-        """Write a checkpoint if this run can have one, and return whether it can."""
+        """Write a checkpoint if the run is resumable, and return whether it is."""
         if not self._resumable:
             return False
         state = {
             "spec": self.spec.model_dump_json(),
-            "versions": provenance.versions(),
-            "git_commits": self._commits,
-            "agent_code": self._code,
-            "processor": self._processor,
+            "provenance": self._provenance.completed().as_dict(),
             "wall_time_s": self._wall_time_s,
-            "peak_memory_mib": max(self._earlier_peak_mib, provenance.peak_memory_mib()),
             "metrics_bytes": self._metrics.tell(),
             "log": self._envs.episode_log.state_dict(),
             "envs": self._envs.unwrapped.get_state(),  # type: ignore[attr-defined] # checked by _resumable
@@ -224,85 +203,19 @@ class _Session:
         envs = self._envs.unwrapped
         return isinstance(self._agent, Resumable) and hasattr(envs, "get_state") and hasattr(envs, "set_state")
 
-    def _saved_state(self) -> dict[str, Any] | None:
-        """Return the state to go on from, or None to start from the beginning; the log says why."""
-        if not self._resumable:
-            logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
-            return None
-        try:
-            state = checkpoint.load(self._folder / CHECKPOINT)
-        except FileNotFoundError:
-            return None
-        except checkpoint.BrokenCheckpointError as error:
-            logger.warning("%s The run starts over.", error)
-            return None
-        self._refuse(state)
-        return state
-
-    def _refuse(self, state: Mapping[str, Any]) -> None:
-        path = self._folder / CHECKPOINT
-        if changed := differences(RunSpec.model_validate_json(state["spec"]), self.spec):
-            raise CheckpointRefusedError(f"{path} is of another run: {'; '.join(changed)}.")
-        loaded, then = provenance.versions(), state["versions"]
-        now = {name: loaded.get(name) or provenance.installed(name) for name in then}  # some are loaded only later
-        other = [f"{name} {then[name]} then, {now[name]} now" for name in then if now[name] != then[name]]
-        if other:
-            raise CheckpointRefusedError(
-                f"{path} was made with {'; '.join(other)}: install what was there, or remove it to start over."
-            )
-        if state.get("agent_code", self._code) != self._code:
-            raise CheckpointRefusedError(
-                f"{path} was made with other code of {self.spec.source}: bring that back, or remove it to start over."
-            )
-        if (processor := state.get("processor", self._processor)) != self._processor:
-            logger.warning(
-                "%s was made on another processor (%s then, %s now): the last bits of what follows may differ.",
-                path,
-                processor,
-                self._processor,
-            )
-
-    def _restore(self, state: Mapping[str, Any]) -> None:
-        try:
-            self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
-            self._envs.episode_log.load_state_dict(state["log"])
-        except (KeyError, ValueError) as error:
-            raise CheckpointRefusedError(
-                f"{self._folder / CHECKPOINT} was made by another build of sprl-bench ({error}): go on with that one, "
-                "or remove it to start over."
-            ) from None
-        self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
-        self._earlier_s, self._earlier_peak_mib = state["wall_time_s"], state["peak_memory_mib"]
-        self._commits = list(dict.fromkeys([*state["git_commits"], *self._commits]))
-        logger.info("%s goes on after %d env steps.", self._folder, self.env_steps)
-
     def finish(self) -> RunRecord:
-        """Write what the agent has learned and the record, and remove what only an unfinished run needs."""
+        """Write the weights and the record, and remove the checkpoint."""
         self._keep_weights()
-        record = write_result(
-            self._folder,
-            self.spec,
-            self._envs.episode_log,
-            wall_time_s=self._wall_time_s,
-            peak_memory_mib=self._earlier_peak_mib,
-            git_commit=_joined([commit for commit in self._commits if commit]),
-            agent_code=self._code,
-        )
+        log, wall_time_s = self._envs.episode_log, self._wall_time_s
+        record = write_result(self._folder, self.spec, log, self._provenance, wall_time_s=wall_time_s)
         (self._folder / CHECKPOINT).unlink(missing_ok=True)
         return record
 
     def _keep_weights(self) -> None:
-        """Write what the agent has learned, if it can show it; a record does not depend on that."""
+        """Write the weights of an agent that has `policy`; an error there must not lose the record."""
         if not isinstance(self._agent, Playable):
             return
         try:
             checkpoint.save(self._folder / WEIGHTS, {"agent": self._agent.weights()})
         except Exception as error:  # whatever an agent's own method may do
             logger.warning("%s keeps no weights, so it cannot be filmed: %s", self._folder, error)
-
-
-def _joined(commits: Sequence[str]) -> str | None:
-    """Return the commits of a run's parts in one short line: where they are many, the first and the last."""
-    if len(commits) <= MANY_COMMITS:
-        return ", ".join(commits) or None
-    return f"{commits[0]}, {len(commits) - 2} others, {commits[-1]}"

@@ -62,7 +62,7 @@ def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[floa
     """Return the environment step at which the first bin ends that reaches half of the range.
 
     Returns:
-        That step, or None where no bin reaches it: the run is censored at its budget.
+        That step, or None if no bin reaches it.
     """
     low, high = score_range
     reached = np.flatnonzero(np.asarray(bins, dtype=np.float64) >= low + THRESHOLD * (high - low))
@@ -70,26 +70,12 @@ def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[floa
 
 
 def mean(scores: Array) -> Array:
-    """Return the mean over seeds, then over tasks.
-
-    Args:
-        scores: [..., S, T] for S seeds and T tasks.
-
-    Returns:
-        [...]
-    """
+    """Return the mean over seeds, then over tasks, of scores [..., S, T] for S seeds and T tasks: [...]."""
     return np.asarray(scores.mean(axis=-2).mean(axis=-1))
 
 
 def iqm(scores: Array) -> Array:
-    """Return the interquartile mean: of all seeds and tasks together, without the lowest and the highest quarter.
-
-    Args:
-        scores: [..., S, T] for S seeds and T tasks.
-
-    Returns:
-        [...]
-    """
+    """Return the interquartile mean of scores [..., S, T], of which it drops the lowest and highest quarter: [...]."""
     flat = np.sort(scores.reshape(*scores.shape[:-2], -1), axis=-1)
     cut = flat.shape[-1] // 4
     return np.asarray(flat[..., cut : flat.shape[-1] - cut].mean(axis=-1))
@@ -120,7 +106,7 @@ def bootstrap_interval(
         confidence: The probability that the interval aims to cover.
 
     Returns:
-        The interval, or None for a single seed, which says nothing of its spread.
+        The interval, or None for a single seed.
     """
     if scores.shape[0] < 2:
         return None

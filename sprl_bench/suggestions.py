@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 
 def did_you_mean(name: object, allowed: Iterable[object]) -> str:
-    """Return "did you mean 'NAME'?" for the allowed text nearest to `name`, or nothing if none is near."""
+    """Return "did you mean 'NAME'?" for the allowed text nearest to `name`, or an empty string."""
     by_letters = {choice.lower(): choice for choice in allowed if isinstance(choice, str)}
     near = get_close_matches(str(name).lower(), by_letters, n=1)
     return f"did you mean {by_letters[near[0]]!r}?" if near else ""

@@ -1,7 +1,7 @@
 """Tasks and suites: rows of a table.
 
 A task is an environment id, its arguments, a budget of environment steps and the range of its returns. A suite is a
-named, versioned tuple of tasks. Everything that a score depends on besides the agent and the seed stands here.
+named, versioned tuple of tasks. Together with the agent and the seed they determine a score.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ Argument = bool | int | float | str
 
 @dataclass(frozen=True)
 class Task:
-    """One environment, how long an agent may train in it, and what a return in it can be.
+    """One environment, its budget, and the range of its returns.
 
     Attributes:
-        name: What tables and folders call it.
+        name: In tables and folders.
         env_id: The Gymnasium id.
         budget: Environment steps, summed over all sub-environments; later steps are not scored.
-        domain: The family that agents keep presets for, such as "grid".
+        domain: The family of tasks that presets are for, such as "grid".
         arguments: Keyword arguments of the environment.
         score_range: Lowest and highest return of an episode.
-        max_num_envs: The most sub-environments that a published run may have; None where nothing is published.
+        max_num_envs: The most sub-environments of a run on a leaderboard; None if there is none.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Suite:
 def _max_num_envs(budget: int, horizon: int) -> int:
     """Return the most sub-environments whose first full episodes all end within the first bin of the curve.
 
-    Until they do, nothing but quick successes ends, and the curve is too high (docs/scores.md).
+    Before that only quick successes end, and the curve is too high (docs/scores.md).
     """
     return budget // (BINS * horizon)
 
@@ -77,8 +77,9 @@ def _grid(name: str, budget: int) -> Task:
     )
 
 
-def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
+def _fetch(task: str, budget: int | None = None, **arguments: int | float) -> Task:
     """Return a Fetch task, named after the arguments in which it differs from the plain one."""
+    budget = budget or (1_000_000 if task == "Reach" else 2_000_000)
     suffixes = [f"{argument.removeprefix('action_')}{value}" for argument, value in arguments.items()]
     name = "-".join([f"Fetch{task}", *suffixes])
     env_id = f"SPRL/Fetch{task}Sparse-v1"
@@ -94,42 +95,30 @@ def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
 
 _GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
 _GRID_11X11 = (_grid("FourRooms-11x11", 2_000_000), _grid("KeyDoors-11x11", 5_000_000))
-_FETCH_BUDGETS = {"Reach": 1_000_000, "Push": 2_000_000, "Slide": 2_000_000, "PickAndPlace": 2_000_000}
 _FETCH_SUBSTEPS = {"Reach": 3, "Push": 8, "Slide": 10, "PickAndPlace": 10}  # appendix A.5
+_SMOKE = replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None)  # not a benchmark
 
-# The order matters: a run that names no suite belongs to the first one that holds its task.
-SUITES: Mapping[str, Suite] = MappingProxyType(
-    {
-        suite.name: suite
-        for suite in (
-            Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
-            Suite("grid-7x7", 1, _GRID_7X7),
-            Suite(
-                "fetch", 1, tuple(_fetch(task, {**_FETCH_BUDGETS, "Reach": 500_000}[task]) for task in _FETCH_BUDGETS)
-            ),
-            Suite(
-                "fetch-sparse",
-                1,
-                tuple(_fetch(task, _FETCH_BUDGETS[task], substep=substep) for task, substep in _FETCH_SUBSTEPS.items()),
-            ),
-            Suite("sparsity", 1, tuple(_fetch("Reach", 1_000_000, substep=substep) for substep in (2, 3, 4, 6))),
-            Suite(
-                "noise",
-                1,
-                tuple(
-                    _fetch(task, _FETCH_BUDGETS[task], substep=substep, action_noise=noise)
-                    for noise in (0.03, 0.1, 0.3)
-                    for task, substep in _FETCH_SUBSTEPS.items()
-                ),
-            ),
-            Suite("smoke", 1, (replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None),)),  # is no benchmark
-        )
-    }
+_ROWS = (
+    Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
+    Suite("grid-7x7", 1, _GRID_7X7),
+    Suite("fetch", 1, (_fetch("Reach", 500_000), _fetch("Push"), _fetch("Slide"), _fetch("PickAndPlace"))),
+    Suite("fetch-sparse", 1, tuple(_fetch(task, substep=substep) for task, substep in _FETCH_SUBSTEPS.items())),
+    Suite("sparsity", 1, tuple(_fetch("Reach", substep=substep) for substep in (2, 3, 4, 6))),
+    Suite(
+        "noise",
+        1,
+        tuple(
+            _fetch(task, substep=substep, action_noise=noise)
+            for noise in (0.03, 0.1, 0.3)
+            for task, substep in _FETCH_SUBSTEPS.items()
+        ),
+    ),
+    Suite("smoke", 1, (_SMOKE,)),
 )
-
-
+# The order matters: a run that names no suite belongs to the first one that holds its task.
+SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _ROWS})
 CUSTOM = Suite("custom", 0, ())
-"""Where runs belong that are of no suite's task: nothing there is comparable with a suite's scores."""
+"""The suite of runs whose task is in no suite; they are not comparable with a suite's scores."""
 
 
 def with_budget(task: Task, budget: int) -> Task:
@@ -141,7 +130,7 @@ def find_suite(name: str) -> Suite:
     """Return the suite of that name.
 
     Raises:
-        ValueError: There is no such suite; the message lists those there are.
+        ValueError: There is no such suite; the message lists all suites.
     """
     if name not in SUITES:
         raise ValueError(unknown("suite", name, SUITES))
@@ -149,13 +138,13 @@ def find_suite(name: str) -> Suite:
 
 
 def too_wide(suite: str, task: str, num_envs: int) -> str:
-    """Return why a run on so many sub-environments cannot be published, in one clause; empty where it can."""
+    """Explain why `num_envs` is too large for a leaderboard; empty if it is allowed."""
     most = {row.name: row.max_num_envs for row in SUITES[suite].tasks}.get(task) if suite in SUITES else None
     if most is None or num_envs <= most:
         return ""
     return (
         f"{num_envs} sub-environments on {task} are more than the {most} that a leaderboard takes: until each has had "
-        "a full episode, nothing but quick successes can end, and that must not last longer than one bin of the curve"
+        "a full episode, only quick successes can end, and that must not last longer than one bin of the curve"
     )
 
 
@@ -165,13 +154,13 @@ def match_task(
     defaults: Mapping[str, Argument] = MappingProxyType({}),
     suites: Iterable[Suite] = tuple(SUITES.values()),
 ) -> tuple[Suite, Task] | None:
-    """Return the first suite and task with this environment and these arguments, or None where there is none.
+    """Return the first suite and task with this environment and these arguments, or None.
 
     Args:
         env_id: The Gymnasium id.
-        arguments: What the environment was made with.
-        defaults: What it takes where an argument is not given; giving the default explicitly changes nothing.
-        suites: Where to look.
+        arguments: Of the environment.
+        defaults: Of the arguments that are not given; giving one explicitly changes nothing.
+        suites: The suites to search.
     """
     wanted = {**defaults, **arguments}
     for suite in suites:

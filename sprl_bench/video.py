@@ -1,8 +1,8 @@
 """Videos: episodes of an environment under a policy, written whole or not at all.
 
-Time runs as in the environment, which says how many of its steps make a second. Where these are more than a player
-shows, frames in between are left out, but never the first or the last of an episode. Frames go straight into the file:
-a long video takes no more memory than a short one. imageio is loaded when something is filmed.
+Time runs as in the environment, by its metadata's `render_fps`. Frames beyond the rate of a player are left out, but
+never the first or the last of an episode. Frames go straight into the file: a long video takes no more memory than a
+short one. imageio is loaded when something is filmed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import gymnasium
 from numpy.typing import NDArray
@@ -33,52 +33,32 @@ Env = gymnasium.Env[Any, Any]
 
 
 class CannotDrawError(ValueError):
-    """The environment is sound, but this machine cannot draw it."""
+    """This machine cannot draw the environment."""
 
 
 @dataclass(frozen=True)
 class Episode:
-    """What was filmed.
+    """A filmed episode."""
 
-    Attributes:
-        steps: Environment steps.
-        total_reward: The return.
-        is_success: Whether the goal was reached.
-    """
-
-    steps: int
+    steps: int  # environment steps
     total_reward: float
-    is_success: bool
-
-
-class Film(Protocol):
-    """An open file that takes one frame after the other."""
-
-    def append_data(self, picture: NDArray[Any]) -> None:
-        """Add a picture, uint8 [height, width, 3]."""
-        ...
+    is_success: bool  # whether the goal was reached
 
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file.
+    """A kind of file."""
 
-    Attributes:
-        needs: The modules that write it.
-        most_frames: As many a second are shown as they should be.
-        options: What imageio wants to know, from the frames a second.
-    """
-
-    needs: tuple[str, ...]
-    most_frames: int
-    options: Callable[[float], dict[str, Any]]
+    needs: tuple[str, ...]  # the modules that write it
+    most_frames: int  # a second, for players
+    options: Callable[[float], dict[str, Any]]  # of imageio, given the frames a second
 
 
 _FORMATS: Mapping[str, Format] = MappingProxyType(
     {
-        # Players take a delay below 20 ms for a tenth of a second; it is counted in hundredths.
+        # Delays are hundredths of a second; players show one below 0.02 s as 0.1 s.
         ".gif": Format(("imageio",), 50, lambda fps: {"duration": 10 * round(100 / fps), "loop": 0}),
-        # H.264 wants an even width and height.
+        # H.264 needs an even width and height.
         ".mp4": Format(
             ("imageio", "imageio_ffmpeg"), 60, lambda fps: {"format": "FFMPEG", "fps": fps, "macro_block_size": 2}
         ),
@@ -97,28 +77,29 @@ def record_video(
     episodes: int = 1,
     seed: int = 0,
 ) -> list[Episode]:
-    """Film episodes of an environment, and return what they came to.
+    """Film episodes of an environment, and return their lengths and returns.
 
     Args:
         env_id: The Gymnasium id.
-        output: A .mp4 or .gif file; one that is there is replaced.
-        policy: Who acts: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a
-            function that takes an observation and returns an action.
-        agent: The "package.module:factory" of a run's agent, where it is none of the installed ones.
-        arguments: Of the environment; the others are those of the run, or the defaults.
+        output: A .mp4 or .gif file; it is overwritten.
+        policy: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a function
+            from an observation to an action.
+        agent: The "package.module:factory" of a run's agent, unless it is an installed one.
+        arguments: Of the environment; by default those of the run.
         episodes: How many, one after the other.
         seed: Of the environment and of the random policy.
 
     Raises:
         ValueError: The id, an argument, the policy, a number or the file's suffix is not allowed.
-        UnplayableRunError: The policy is a run whose agent cannot be brought back, or has to be named.
-        CannotDrawError: Pictures cannot be drawn on this machine.
+        UnplayableRunError: The policy is a run whose agent cannot act, or has to be named.
+        CannotDrawError: This machine cannot draw the environment.
         OSError: The file cannot be written.
-        ModuleNotFoundError: The extra `video`, or what the environment needs, is not installed.
+        ModuleNotFoundError: The extra `video`, or one that the environment needs, is not installed.
     """
     path = Path(output)
     made = _format(path)
-    _check_numbers(episodes, seed)
+    check_integer("episodes", episodes, 1)
+    check_integer("seed", seed, 0)
     actor = find_actor(policy, agent)
     with contextlib.closing(_make(env_id, {**actor.arguments, **arguments})) as env:
         play = actor.begin(env, seed)
@@ -130,7 +111,7 @@ def record_video(
 
 
 def _format(path: Path) -> Format:
-    """Return what the file's suffix stands for, once what writes it is found to be installed."""
+    """Return the format of the file's suffix, and check that the modules for it are installed."""
     if path.suffix.lower() not in _FORMATS:
         raise ValueError(unknown("suffix of a video:", path.suffix, SUFFIXES))
     if path.is_dir():
@@ -141,25 +122,22 @@ def _format(path: Path) -> Format:
     return found
 
 
-def _check_numbers(episodes: int, seed: int) -> None:
-    check_integer("episodes", episodes, 1)
-    check_integer("seed", seed, 0)
-
-
 def _make(env_id: str, arguments: Mapping[str, Argument]) -> Env:
     if "render_mode" in arguments:
-        raise ValueError(f"render_mode is {arguments['render_mode']!r}; a video is always made of 'rgb_array'.")
+        raise ValueError(
+            f"render_mode is {arguments['render_mode']!r}; it must be left out: a video always uses 'rgb_array'."
+        )
     if ":" not in env_id and env_id not in gymnasium.registry:
         raise ValueError(unknown("environment", env_id, IDS))
     try:
         return gymnasium.make(env_id, render_mode="rgb_array", **arguments)  # type: ignore[arg-type] # passed on
     except (TypeError, gymnasium.error.Error) as error:
-        raise ValueError(str(error.__cause__ or error)) from error  # Gymnasium puts its own words behind ours
+        raise ValueError(str(error.__cause__ or error)) from error  # Gymnasium appends its own words
 
 
 @contextlib.contextmanager
-def _open(path: Path, options: Mapping[str, Any]) -> Iterator[Film]:
-    """Give a file beside `path` that takes its place once it is whole, and leaves nothing behind if it never is."""
+def _open(path: Path, options: Mapping[str, Any]) -> Iterator[Any]:
+    """Open a temporary film beside `path`, renamed when it is whole and removed on an error."""
     import imageio.v2  # noqa: PLC0415 - the extra `video`
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -175,8 +153,8 @@ def _open(path: Path, options: Mapping[str, Any]) -> Iterator[Film]:
         raise
 
 
-def _shoot(env: Env, policy: Policy, seed: int | None, film: Film, stride: int) -> Episode:
-    """Play one episode, and film its first state, every `stride`-th after it, and the last."""
+def _shoot(env: Env, policy: Policy, seed: int | None, film: Any, stride: int) -> Episode:
+    """Play one episode, and film its first state, every `stride`-th one, and the last."""
     observation, info = env.reset(seed=seed)
     film.append_data(_draw(env))
     steps, total_reward, is_over = 0, 0.0, False
@@ -191,7 +169,7 @@ def _shoot(env: Env, policy: Policy, seed: int | None, film: Film, stride: int) 
 def _draw(env: Env) -> NDArray[Any]:
     try:
         picture: Any = env.render()
-    except Exception as error:  # whatever a graphics driver comes up with
+    except Exception as error:  # a graphics driver may raise anything
         raise CannotDrawError(
             f"Pictures cannot be drawn here ({type(error).__name__}: {error}); sprl-bench doctor says more."
         ) from error

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,15 +23,8 @@ from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.process import torch_set_up
 from sprl_bench.records import RunRecord, RunSpec, read, write
 from sprl_bench.records.folder import LockedError, lock
-from sprl_bench.run import (
-    CheckpointRefusedError,
-    InterruptedRunError,
-    SpecChangedError,
-    _joined,
-    env_seed,
-    make_envs,
-    run,
-)
+from sprl_bench.resume import CheckpointRefusedError, SpecChangedError
+from sprl_bench.run import InterruptedRunError, env_seed, make_envs, run
 from sprl_bench.tasks import CUSTOM, find_suite, with_budget
 
 pytestmark = pytest.mark.usefixtures("fakes")
@@ -43,12 +37,11 @@ def make_spec(
     agent: str = "harness_fakes:walker", budget: int = BUDGET, seed: int = 0, num_envs: int = 3, **overrides: Any
 ) -> RunSpec:
     factory = load_factory(agent)
-    if "num_envs" in resolve_hyperparameters(factory, "grid", {}):
-        overrides = {**overrides, "num_envs": num_envs}
+    hyperparameters, num_envs = resolve_hyperparameters(factory, "grid", {**overrides, "num_envs": num_envs})
     return RunSpec.of(
         CUSTOM,
         with_budget(find_suite("smoke").tasks[0], budget),
-        hyperparameters=resolve_hyperparameters(factory, "grid", overrides),
+        hyperparameters=hyperparameters,
         agent=agent.partition(":")[2] or agent,
         source=agent,
         privileged=False,
@@ -138,7 +131,7 @@ def test_the_record_is_what_the_environment_gave(tmp_path: Path, seed: int) -> N
 def test_an_interrupted_run_comes_to_the_same(tmp_path: Path, uninterrupted: Path, cuts: list[int]) -> None:
     spec = make_spec()
     for cut in cuts:
-        with pytest.raises(InterruptedRunError, match="env steps; the same command goes on from there"):
+        with pytest.raises(InterruptedRunError, match="env steps; the same command continues from there"):
             run(spec, tmp_path, stop=after(cut))
         assert not (spec.path(tmp_path) / "record.json").exists()
     run(spec, tmp_path)
@@ -161,7 +154,7 @@ def test_a_run_of_many_commits_still_fits_its_record(tmp_path: Path, monkeypatch
 )
 def test_commits_are_joined_in_one_line(count: int, text: str | None) -> None:
     commits = [f"{number:040}-dirty" for number in range(count)]
-    joined = _joined(commits)
+    joined = replace(provenance.Provenance.take(""), git_commits=tuple(commits)).git_commit
     assert joined == (text and text.format(*commits))
     assert len(joined or "") <= 300
 
@@ -293,6 +286,15 @@ def test_a_checkpoint_of_other_versions_is_refused(tmp_path: Path, monkeypatch: 
     assert path.read_bytes() == before
 
 
+def test_a_checkpoint_without_provenance_is_of_another_build(tmp_path: Path) -> None:
+    path = interrupted(make_spec(), tmp_path)
+    state = checkpoint.load(path)
+    del state["provenance"]
+    checkpoint.save(path, state)
+    with pytest.raises(CheckpointRefusedError, match=r"was made by another build of sprl-bench \(provenance\)"):
+        run(make_spec(), tmp_path)
+
+
 def test_a_package_that_is_loaded_later_is_looked_at_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     interrupted(make_spec(), tmp_path)
     loaded = {name: version for name, version in provenance.versions().items() if name != "numpy"}
@@ -310,7 +312,7 @@ def test_a_checkpoint_of_other_code_is_refused(tmp_path: Path, monkeypatch: pyte
     path = interrupted(spec, tmp_path)
     before = path.read_bytes()
     file.write_text("from harness_fakes import walker  # and something else\n")
-    with pytest.raises(CheckpointRefusedError, match="made with other code of edited_agent:walker: bring that back"):
+    with pytest.raises(CheckpointRefusedError, match="made with other code of edited_agent:walker: restore that code"):
         run(spec, tmp_path)
     assert path.read_bytes() == before
     file.write_text("from harness_fakes import walker\n")
@@ -323,14 +325,14 @@ def test_an_installed_agent_has_no_code_of_its_own() -> None:
     assert provenance.agent_code("not.loaded:agent") is None
 
 
-def test_another_processor_is_told(
+def test_another_processor_is_warned_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     interrupted(make_spec(), tmp_path)
     here = provenance.hardware()
     monkeypatch.setattr(provenance, "hardware", lambda: here.model_copy(update={"cpu": "Abacus"}))
     assert run(make_spec(), tmp_path).status == "complete"
-    assert f"was made on another processor ({here.cpu} then, Abacus now)" in caplog.text
+    assert f"was made on another CPU model ({here.cpu} then, Abacus now)" in caplog.text
 
 
 @pytest.mark.parametrize(("device", "wanted"), [("cpu", False), ("cuda", True)])
@@ -472,4 +474,4 @@ def test_resuming_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> N
     interrupted(make_spec(), tmp_path)
     with caplog.at_level(logging.INFO, "sprl_bench"):
         run(make_spec(), tmp_path)
-    assert "goes on after 300 env steps" in caplog.text
+    assert "continues after 300 env steps" in caplog.text

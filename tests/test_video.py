@@ -122,7 +122,7 @@ def test_a_policy_of_one_s_own(tmp_path: Path) -> None:
     [episode] = record_video(GRID, tmp_path / "b.gif", policy=lambda _: 0, arguments={"max_episode_steps": 4})
     assert episode == Episode(4, 0.0, False)
     for name in ("film_fakes:FORWARD", "film_fakes:backward", "film_fakes:"):
-        with pytest.raises(ValueError, match=f"Policy '{name}' is not a function"):
+        with pytest.raises(ValueError, match=f"policy is '{name}'; it must be"):
             find_actor(name)
 
 
@@ -217,11 +217,11 @@ def test_an_agent_acts_in_the_environment_of_its_run(tmp_path: Path, fetch: None
 def test_a_run_that_cannot_act_says_why(tmp_path: Path) -> None:
     finished = make_spec("walker", seed=1)
     run(finished, tmp_path)
-    with pytest.raises(UnplayableRunError, match=r"keeps nothing that agent 'walker' has learned: weights.safetensors"):
+    with pytest.raises(UnplayableRunError, match=r"has no trained agent 'walker': it must hold weights.safetensors"):
         find_actor(str(finished.path(tmp_path)), WALKER)
     folder = interrupt(make_spec("walker"), tmp_path)
     env = gymnasium.make(GRID)
-    with pytest.raises(UnplayableRunError, match=r"Agent 'walker' cannot show what it has learned"):
+    with pytest.raises(UnplayableRunError, match=r"Agent 'walker' cannot act"):
         find_actor(str(folder), WALKER).begin(env, 0)
 
 
@@ -244,10 +244,10 @@ def test_a_run_is_found_below_a_folder(tmp_path: Path) -> None:
         find_run(tmp_path / "nowhere", GRID)
 
 
-def test_what_a_script_recorded_is_told_from_nothing_at_all(tmp_path: Path) -> None:
+def test_an_error_says_that_recorded_scripts_do_not_count(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / RECORD).touch()
-    with pytest.raises(FileNotFoundError, match="Runs that a script recorded are passed over"):
+    with pytest.raises(FileNotFoundError, match="Recorded scripts do not count"):
         find_run(tmp_path, GRID)
 
 
@@ -260,7 +260,7 @@ def test_no_code_is_loaded_because_a_run_names_it(
     folder = spec.path(tmp_path / "runs")
     write(folder / "spec.json", spec)
     (folder / "weights.safetensors").touch()
-    told = f"{folder} says that its agent is 'strange:code': code of your own is loaded only where you name it"
+    told = f"The agent of {folder} is 'strange:code': your own code is loaded only if you name it"
     with pytest.raises(UnplayableRunError, match=re.escape(told)):
         record_video(GRID, tmp_path / "a.gif", policy=str(folder))
     with pytest.raises(UnplayableRunError, match=re.escape(told)):
@@ -268,7 +268,9 @@ def test_no_code_is_loaded_because_a_run_names_it(
     status, _, err = call(capsys, GRID, "--run", "runs", "-o", "a.gif")
     assert (status, err.count("\n"), "as --agent strange:code" in err) == (1, 1, True)
     assert "strange" not in sys.modules
-    with pytest.raises(ValueError, match="agent is 'ppo'; it goes with the folder of a run, not with policy 'random'"):
+    with pytest.raises(
+        ValueError, match="agent is 'ppo'; it must be left out, as policy 'random' is not the folder of a run"
+    ):
         find_actor("random", "ppo")
     actor = interrupt(make_spec(), tmp_path / "more")
     with pytest.raises(UnplayableRunError, match="film_fakes:actor"):
@@ -321,8 +323,8 @@ def test_the_command_films_and_tells_of_each_episode(
         ([GRID, "--policy", "randm"], 2, "Unknown policy 'randm'; did you mean 'random'?"),
         ([GRID, "--policy", "nowhere:policy"], 1, "No module named 'nowhere'"),
         ([FETCH, "--policy", "solver"], 2, "There is no policy 'solver' for SPRL/FetchReachSparse-v1"),
-        ([GRID, "--agent", "ppo"], 2, "agent is 'ppo'; name the folder of its run with --run."),
-        ([GRID, "--policy", "random", "--run", "."], 2, "policy is 'random' and run is '.'; give one of them."),
+        ([GRID, "--agent", "ppo"], 2, "agent is 'ppo'; it must come with --run and the folder of its run."),
+        ([GRID, "--policy", "random", "--run", "."], 2, "policy is 'random'; it must be left out if --run is given."),
         ([GRID, "--run", "nowhere"], 1, "nowhere holds no run in SPRL/FourRooms-7x7-v1."),
         ([GRID, "--episodes", 0], 2, "--episodes"),
         ([GRID, "--seed", -1], 2, "--seed"),

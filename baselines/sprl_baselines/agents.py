@@ -11,6 +11,7 @@ import torch
 from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
+from sprl_baselines import presets
 from sprl_baselines.bonus import Bonus, NoBonus, NoBonusConfig, Setting
 from sprl_baselines.count import Count, CountConfig
 from sprl_baselines.eco import ECO, ECOConfig
@@ -23,7 +24,6 @@ from sprl_baselines.learning.observations import View, view_of
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import load_weights
 from sprl_baselines.ppo import PPO, PPOConfig
-from sprl_baselines.presets import preset
 from sprl_baselines.rnd import RND, RNDConfig
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
 
@@ -193,22 +193,18 @@ class LearningAgentFactory(Generic[C]):
         config, bonus_config = self._configs(hyperparameters)
         return LearningAgent(config, lambda setting: self.bonus(setting, bonus_config), seed=seed, device=device)
 
-    def hyperparameters(self, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    def hyperparameters(self, domain: str, overrides: Mapping[str, Any], preset: str = "table") -> dict[str, Any]:
         """Return all hyperparameters: the defaults, then the domain's preset, then `overrides`.
 
         Args:
             domain: A family of tasks, such as "grid".
-            overrides: Single hyperparameters; `preset` names a preset of the domain other than "table".
+            overrides: Single hyperparameters.
+            preset: The name of one of the domain's presets.
 
         Raises:
             ValueError: The domain, the preset or a hyperparameter is unknown, or a value is out of range.
         """
-        chosen = dict(overrides)
-        name = chosen.pop("preset", "table")
-        if not isinstance(name, str):
-            raise ValueError(f"preset is {name!r}; it must be text.")
-        values = {**preset(domain, name, self.name), **chosen}
-        config, bonus_config = self._configs(values)
+        config, bonus_config = self._configs({**presets.preset(domain, preset, self.name), **overrides})
         return {**config.as_dict(), **bonus_config.as_dict()}
 
     def _configs(self, values: Mapping[str, Any]) -> tuple[PPOConfig, C]:

@@ -75,7 +75,9 @@ class PPOConfig(Config):
                 f"it must be at most num_envs * rollout_length, {samples}."
             )
         if self.normalize_observations and self.stack:
-            raise ValueError(f"Hyperparameter stack is {self.stack}; it must be 0 where normalize_observations is true.")
+            raise ValueError(
+                f"Hyperparameter stack is {self.stack}; it must be 0 where normalize_observations is true."
+            )
 
 
 class PPO:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
-from gymnasium import Space, spaces
 from gymnasium.vector import VectorEnv
 
 from sprl_baselines.learning.config import Config, Count, reject_unknown
+from sprl_bench.actions import uniform_actions
 
 STEPS_PER_REPORT = 256  # steps of each sub-env between two yields
 
@@ -75,16 +74,3 @@ class RandomAgentFactory:
 
 
 random = RandomAgentFactory()
-
-
-def uniform_actions(space: Space[Any], count: int, generator: np.random.Generator) -> npt.NDArray[Any]:
-    """Draw `[N]` discrete or `[N, A]` continuous actions.
-
-    Raises:
-        ValueError: The space is neither `Discrete` nor a bounded `Box`.
-    """
-    if isinstance(space, spaces.Discrete):
-        return generator.integers(space.start, space.start + space.n, size=count, dtype=np.int64)
-    if isinstance(space, spaces.Box) and space.is_bounded():
-        return generator.uniform(space.low, space.high, size=(count, *space.shape)).astype(space.dtype)
-    raise ValueError(f"action_space is {space}; it must be Discrete or a bounded Box.")

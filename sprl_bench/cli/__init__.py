@@ -1,7 +1,7 @@
-"""The command line: each command is one public function and the words around it.
+"""The command line: each command calls one public function.
 
-A mistake becomes one line on stderr and an exit status: 2 where the command was wrong, 1 where something failed. A bug
-of ours keeps its traceback, as every error does with `--debug`.
+An error is shown as one line on stderr; the exit status is 2 for a wrong command and 1 for a failure. A bug in this
+package shows its traceback, and with `--debug` every error does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The commands put together, and what becomes of an error."""
+"""All commands together, and how errors are shown."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from sprl_bench.cli.run import run
 from sprl_bench.cli.status import status
 from sprl_bench.cli.table import table
 from sprl_bench.cli.video import video
-from sprl_bench.extras import advice, extra_of
+from sprl_bench.extras import extra_of, not_installed
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
-"""What the parser raises for a wrong command; typer does not export it."""
+"""The parser raises it for a wrong command; typer does not export it."""
 
 app = typer.Typer(
     name="sprl-bench",
@@ -54,7 +54,7 @@ def _options(
         bool, typer.Option("--debug", help="Show the traceback of every error.")
     ] = False,
 ) -> None:
-    # `main` has taken --debug out before the parser sees it, wherever it stood; it is here for the help.
+    # `main` removes --debug before the parser sees it; it is declared for the help.
     require_command(context)
 
 
@@ -71,12 +71,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _call(words)
     except KeyboardInterrupt:
-        return _complain("Interrupted; the same command goes on from here.", INTERRUPTED)
+        return _complain("Interrupted; the same command continues from here.", INTERRUPTED)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; nothing more to say
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         return FAILED
     except (OSError, ValueError, ImportError) as error:
-        # A plain ValueError is about what was asked for; its subclasses are about what was found.
+        # A plain ValueError is a wrong argument; its subclasses are about files and runs.
         return _complain(_sentence(error), MISUSED if type(error) is ValueError else FAILED)
 
 
@@ -94,8 +94,8 @@ def _call(words: Sequence[str]) -> int:
 def _sentence(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         return f"{error.filename}: {error.strerror}."
-    if isinstance(error, ModuleNotFoundError) and (extra := extra_of(error.name or "")):
-        return f"{error.name} is not installed; install it with: {advice(extra)}"
+    if isinstance(error, ModuleNotFoundError) and error.name and extra_of(error.name):
+        return not_installed(error.name)
     return str(error) or type(error).__name__
 
 

@@ -1,4 +1,4 @@
-"""The command that tells what is installed, what works, and what would make a score incomparable."""
+"""The command that checks the installation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sprl_bench.extras import EXTRAS
 
 
 def doctor() -> None:
-    """Tell what is installed, what works, and what would make a score incomparable."""
+    """Check what is installed, what works, and whether scores would be comparable with published ones."""
     findings = examine()
     width = max(len(finding.subject) for finding in findings)
     for finding in findings:
@@ -33,7 +33,7 @@ def _conclude(findings: list[Finding]) -> list[str]:
         lines.append(f"Scores from here may not compare with published ones: {wrong}.")
         lines.append(f"Install the pinned versions with: pip install -c constraints.txt 'sprl-bench[{extras}]'")
     if open_questions:
-        lines.append(f"Cannot tell for want of a pinned version (constraints.txt): {open_questions}.")
+        lines.append(f"No pinned version to compare with (constraints.txt): {open_questions}.")
     if not wrong and not open_questions:
         lines.append("Scores from here compare with published ones.")
     return lines

@@ -1,7 +1,5 @@
 """Commands around the leaderboards."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,32 +7,19 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sprl_bench.cli.options import (
-    Agents,
-    AllowMissing,
-    Format,
-    Output,
-    Picture,
-    Runs,
-    Tasks,
-    check_choice,
-    choose_format,
-    deliver,
-    parse_seeds,
-    planned_runs,
-    require_command,
-    terminal_width,
-)
+from sprl_bench.cli import options
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.submission import Status
     from sprl_bench.records import RunRecord, RunSpec
 
 app = typer.Typer(
-    help="Show, check, extend and challenge the leaderboards.", callback=require_command, invoke_without_command=True
+    help="Show, check, extend and challenge the leaderboards.",
+    callback=options.require_command,
+    invoke_without_command=True,
 )
 
-BOARD = "A board: its name, as grid-7x7, or its folder, as leaderboards/grid-7x7; or one entry's file."
+BOARD = "A board's name or folder, as grid-7x7 or leaderboards/grid-7x7, or the file of one entry."
 
 Home = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default the published ones.")]
 OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all boards; by default ./leaderboards.")]
@@ -46,22 +31,22 @@ Seeds = Annotated[
 @app.command("show")
 def show(
     suite: Annotated[str | None, typer.Argument(help="The suite; by default all.")] = None,
-    form: Format = None,
-    output: Output = None,
+    form: options.Format = None,
+    output: options.Output = None,
     home: Home = None,
 ) -> None:
     """Show the boards, computed from their entries."""
     from sprl_bench import leaderboard
     from sprl_bench.tables import FORMATS, render
 
-    form = choose_format(form, output, FORMATS)
+    form = options.choose_format(form, output, FORMATS)
     boards = leaderboard.boards(home or leaderboard.home(), suite)
-    deliver(render(boards, form, width=terminal_width(output)), output)
+    options.deliver(render(boards, form, width=options.terminal_width(output)), output)
 
 
 @app.command("validate")
 def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> int:
-    """Check entries; one line on stderr for each that is wrong."""
+    """Check entries; one line on stderr for each invalid one."""
     from sprl_bench import leaderboard
 
     complaints = leaderboard.validate(files)
@@ -73,29 +58,23 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
 
 @app.command("add")
 def add(
-    runs: Runs,
-    agent: Annotated[str, typer.Option(help="Whose runs.")],
+    runs: options.Runs,
+    agent: Annotated[str, typer.Option(help="The agent.")],
     authors: Annotated[list[str], typer.Option("--author", "--authors", help="May be given several times.")],
     link: Annotated[str, typer.Option(help="The paper or the code.")],
-    suite: Annotated[str | None, typer.Option(help="Needed where the agent has runs of several.")] = None,
+    suite: Annotated[str | None, typer.Option(help="Needed if the agent has runs of several suites.")] = None,
     status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
     seeds: Seeds = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
     home: OwnHome = None,
 ) -> None:
-    """Make an entry of an agent's runs: at least five seeds, the same on all tasks of the suite."""
+    """Make an entry from an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
 
-    check_choice("status", status, ("reported", "reproduced"))
+    options.check_choice("status", status, ("reported", "reproduced"))
     records, planned = _runs_of(runs, seeds)
     entry = leaderboard.make_entry(
-        records,
-        agent=agent,
-        authors=authors,
-        link=link,
-        suite=suite,
-        status=cast("Status", status),
-        planned=planned,
+        records, agent=agent, authors=authors, link=link, suite=suite, status=cast("Status", status), planned=planned
     )
     path = leaderboard.add_entry(entry, home or leaderboard.own_home(), replace=replace)
     typer.echo(f"Wrote {path}.", err=True)
@@ -103,35 +82,35 @@ def add(
 
 @app.command("compare")
 def compare(
-    runs: Runs,
+    runs: options.Runs,
     against: Annotated[Path, typer.Option(help=BOARD)],
-    agent: Annotated[str | None, typer.Option(help="Whose runs; by default every agent's.")] = None,
-    task: Tasks = None,
+    agent: Annotated[str | None, typer.Option(help="The agent; by default all.")] = None,
+    task: options.Tasks = None,
     seeds: Seeds = None,
     form: Annotated[
-        str | None, typer.Option("--format", help="rich, md, latex or json; by default as the file's name ends.")
+        str | None, typer.Option("--format", help="rich, md, latex or json; by default by the file's suffix.")
     ] = None,
-    output: Output = None,
+    output: options.Output = None,
 ) -> None:
     """Compare runs with entries: the difference of mean AUC with its interval, paired by task."""
     from sprl_bench import leaderboard
 
-    form = choose_format(form, output, leaderboard.COMPARISON_FORMATS)
+    form = options.choose_format(form, output, leaderboard.COMPARISON_FORMATS)
     records, planned = _runs_of(runs, seeds)
     compared = leaderboard.compare(
         records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned
     )
-    deliver(leaderboard.render_comparisons(compared, form, width=terminal_width(output)), output)
+    options.deliver(leaderboard.render_comparisons(compared, form, width=options.terminal_width(output)), output)
 
 
 @app.command("plot")
 def plot(
     board: Annotated[Path, typer.Argument(help=BOARD)],
-    output: Picture,
+    output: options.Picture,
     runs: Annotated[Path | None, typer.Option(help="A folder with runs to draw beside the entries.")] = None,
-    task: Tasks = None,
-    agent: Agents = None,
-    allow_missing: AllowMissing = False,
+    task: options.Tasks = None,
+    agent: options.Agents = None,
+    allow_missing: options.AllowMissing = False,
 ) -> None:
     """Draw the learning curves of a board's entries, one panel a task."""
     from sprl_bench import leaderboard, plots
@@ -149,18 +128,18 @@ def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[Run
     """Return the records and the plans below a folder, all of them or those of some seeds."""
     from sprl_bench.records import find_records
 
-    records, planned = find_records(folder), planned_runs(folder)
+    records, planned = find_records(folder), options.planned_runs(folder)
     if seeds is None:
         return records, planned
-    chosen = parse_seeds(seeds)
+    chosen = options.parse_seeds(seeds)
     if without := sorted(set(chosen) - {one.spec.seed for one in records}):
         raise ValueError(f"seeds is {seeds!r}, but {folder} has no run of seed {', '.join(map(str, without))}.")
     return [one for one in records if one.spec.seed in chosen], [one for one in planned if one.seed in chosen]
 
 
 @app.command("schema")
-def schema(output: Output = None) -> None:
-    """Print the JSON schema of an entry, as leaderboards/schema.json holds it."""
+def schema(output: options.Output = None) -> None:
+    """Print the JSON schema of an entry, the content of leaderboards/schema.json."""
     from sprl_bench import leaderboard
 
-    deliver(leaderboard.schema(), output)
+    options.deliver(leaderboard.schema(), output)

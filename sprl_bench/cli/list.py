@@ -1,16 +1,20 @@
-"""What there is: environments, tasks, suites and agents."""
-
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+"""The commands that list environments, tasks, suites and agents."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import typer
 
 from sprl_bench.cli.options import require_command
 
-app = typer.Typer(help="List what there is.", callback=require_command, invoke_without_command=True)
+if TYPE_CHECKING:  # loaded when a command needs it
+    from sprl_bench.tasks import Task
+
+app = typer.Typer(
+    help="List environments, tasks, suites or agents.", callback=require_command, invoke_without_command=True
+)
 
 
 @app.command("envs")
@@ -24,18 +28,11 @@ def envs() -> None:
 
 @app.command("tasks")
 def tasks() -> None:
-    """List the tasks of every suite: budgets in environment steps, and the most sub-environments of a published run."""
+    """List the tasks of every suite: budgets in environment steps, and the most sub-environments on a leaderboard."""
     from sprl_bench.tasks import SUITES
 
     rows = [
-        (
-            suite.name,
-            task.name,
-            task.env_id,
-            f"{task.budget:,}",
-            str(task.max_num_envs or ""),
-            _arguments(task.arguments.items()),
-        )
+        (suite.name, task.name, task.env_id, f"{task.budget:,}", str(task.max_num_envs or ""), _arguments(task))
         for suite in SUITES.values()
         for task in suite.tasks
     ]
@@ -53,15 +50,15 @@ def suites() -> None:
 
 @app.command("agents")
 def agents() -> None:
-    """List the installed agents; any other is named as package.module:factory."""
+    """List the installed agents; name your own as package.module:factory."""
     from sprl_bench.agents import agent_names
 
     for name in agent_names():
         typer.echo(name)
 
 
-def _arguments(arguments: Iterable[tuple[str, object]]) -> str:
-    return ", ".join(f"{name}={value}" for name, value in arguments)
+def _arguments(task: Task) -> str:
+    return ", ".join(f"{name}={value}" for name, value in task.arguments.items())
 
 
 def _columns(header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,6 +1,4 @@
-"""What several commands share: their options, the values these take, and where output goes."""
-
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+"""Shared by several commands: options, their values, and the output."""
 
 from __future__ import annotations
 
@@ -24,33 +22,35 @@ SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md",
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
 Agents = Annotated[list[str] | None, typer.Option("--agent", help="Only this agent; may be given several times.")]
-AllowMissing = Annotated[bool, typer.Option("--allow-missing", help="Show what is there, and mark what is missing.")]
+AllowMissing = Annotated[
+    bool, typer.Option("--allow-missing", help="Show the finished runs, and mark the missing ones.")
+]
 Format = Annotated[
-    str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default as the file's name ends.")
+    str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default by the file's suffix.")
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
 Picture = Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")]
 
 
 def require_command(context: typer.Context) -> None:
-    """Show the help where a command is missing, and say by the exit status that it is."""
+    """Show the help if the command is missing, with the exit status of a wrong command."""
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
 
 
 def planned_runs(runs: Path) -> list[RunSpec]:
-    """Return every run that was begun or asked for below this folder."""
+    """Return the spec of every run below this folder, begun or not."""
     from sprl_bench.suite import survey
 
     return [state.spec for state in survey(runs)]
 
 
 def choose_format(form: str | None, output: Path | None, allowed: Collection[str]) -> str:
-    """Return the format asked for, or that which the file's name ends in.
+    """Return `form` or, by default, the format of the file's suffix.
 
     Raises:
-        ValueError: It is not allowed; the message lists what is.
+        ValueError: It is not allowed; the message lists the allowed formats.
     """
     chosen = form or SUFFIXES.get(output.suffix.lower() if output else "", "rich")
     check_choice("format", chosen, allowed)
@@ -58,10 +58,10 @@ def choose_format(form: str | None, output: Path | None, allowed: Collection[str
 
 
 def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
-    """Refuse a value that is not allowed before any work is done.
+    """Refuse a value that is not allowed.
 
     Raises:
-        ValueError: It is not; the message lists what is.
+        ValueError: It is not allowed; the message lists the allowed values.
     """
     if value not in allowed:
         raise ValueError(unknown(name, value, allowed))
@@ -79,12 +79,12 @@ def deliver(text: str, output: Path | None) -> None:
 
 
 def terminal_width(output: Path | None) -> int | None:
-    """Return the columns of the terminal that text is shown in, or None where it is not."""
+    """Return the columns of the terminal, or None if the text does not go to one."""
     return shutil.get_terminal_size().columns if output is None and sys.stdout.isatty() else None
 
 
 def find_modules_here() -> None:
-    """Let a module that the user names be found in the current folder, as `python -m` would; workers inherit this."""
+    """Find the user's modules in the current folder, as `python -m` would; workers inherit this."""
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
@@ -98,32 +98,32 @@ def split_names(text: str, name: str) -> list[str]:
     """
     words = [word.strip() for word in text.split(",")]
     if not all(words):
-        raise ValueError(f"{name} is {text!r}; give names with commas between.")
+        raise ValueError(f"{name} is {text!r}; it must be names with commas between.")
     return words
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Return the seeds that "5" (0 to 4) or "0,3,7" stand for.
+    """Return the seeds of "5" (0 to 4) or "0,3,7".
 
     Raises:
         ValueError: It is neither a positive number nor a list of seeds.
     """
     words = [word.strip() for word in text.split(",") if word.strip()]
     if not words or not all(word.isascii() and word.isdecimal() and len(word) < 16 for word in words):
-        raise ValueError(f"seeds is {text!r}; give how many, as in 5, or which, as in 0,3,7.")
+        raise ValueError(f"seeds is {text!r}; it must be how many, as in 5, or which, as in 0,3,7.")
     numbers = [int(word) for word in words]
     if "," in text:
         return numbers
     if not 0 < numbers[0] <= 10_000:
-        raise ValueError(f"seeds is {text!r}; from 1 to 10000 are allowed (a single seed is written as {text},).")
+        raise ValueError(f"seeds is {text!r}; it must be from 1 to 10000 (a single seed is written as {text},).")
     return list(range(numbers[0]))
 
 
 def parse_settings(settings: Sequence[str], option: str = "--set") -> dict[str, object]:
-    """Return what "key=value" stand for, as given by a command's `option`: each value JSON if it is, else a string.
+    """Return the values of "key=value" arguments of `option`: each as JSON if it is valid JSON, else as text.
 
     Raises:
-        ValueError: There is no "=", a key is there twice, or a value is a number that is not finite.
+        ValueError: There is no "=", a key is given twice, or a value is not finite.
     """
     chosen: dict[str, object] = {}
     for setting in settings:
@@ -142,9 +142,9 @@ def _value(name: str, text: str) -> object:
     except json.JSONDecodeError:
         return text
     except (RecursionError, ValueError):
-        raise ValueError(f"{name}: {text[:40]!r} is too long or too deep.") from None
+        raise ValueError(f"{name} is {text[:40]!r}...; it must be shorter or less nested.") from None
     try:
         json.dumps(value, allow_nan=False)
     except ValueError:
-        raise ValueError(f"{name}: {text[:40]!r} is not finite.") from None
+        raise ValueError(f"{name} is {text[:40]!r}; it must be finite.") from None
     return value

@@ -1,7 +1,5 @@
 """The command that draws learning curves."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 import typer
@@ -10,11 +8,7 @@ from sprl_bench.cli.options import Agents, AllowMissing, Picture, Runs, Tasks, p
 
 
 def plot(
-    runs: Runs,
-    output: Picture,
-    task: Tasks = None,
-    agent: Agents = None,
-    allow_missing: AllowMissing = False,
+    runs: Runs, output: Picture, task: Tasks = None, agent: Agents = None, allow_missing: AllowMissing = False
 ) -> None:
     """Draw each agent's learning curve, one panel a task."""
     from sprl_bench import plots

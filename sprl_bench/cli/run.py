@@ -1,7 +1,5 @@
 """The command that trains agents on a suite."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 import shlex
@@ -26,8 +24,7 @@ def run(
         typer.Option(
             "--agents",
             "--agent",
-            help="Agents, with commas between; your own is package.module:factory; "
-            "sprl@ablation is sprl by its preset ablation.",
+            help="Agents, with commas between; your own as package.module:factory; a preset as in sprl@ablation.",
         ),
     ],
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
@@ -44,7 +41,7 @@ def run(
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
 ) -> int:
-    """Train agents on a suite; the same command again goes on where it stopped."""
+    """Train agents on a suite; the same command again continues where it stopped."""
     from sprl_bench.executors import make_executor
     from sprl_bench.progress import make_observer
     from sprl_bench.suite import expand, require_device, run_suite
@@ -63,18 +60,19 @@ def run(
         device=device,
     )
     works = make_executor(executor, workers)
-    if executor == "local":  # a cluster's own nodes may have what this machine lacks
+    if executor == "local":  # the nodes of a cluster may have other devices
         require_device(device)
     outcomes = run_suite(specs, out, executor=works, observer=make_observer())
     return _report(specs, outcomes, out)
 
 
 def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) -> int:
-    """Show the table of these runs, where they lie, and what to type next; return the exit status."""
+    """Show the table of these runs, their folder, and the next commands; return the exit status."""
     from sprl_bench.cli.table import print_tables
     from sprl_bench.records import RunRecord, read
+    from sprl_bench.records.folder import ERROR, RECORD, run_path
 
-    there = [path for spec in specs if (path := spec.path(out) / "record.json").exists()]
+    there = [path for spec in specs if (path := spec.path(out) / RECORD).exists()]
     records = [read(path, RunRecord) for path in there]
     complete = any(record.status == "complete" for record in records)
     if complete:
@@ -85,12 +83,12 @@ def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) ->
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)
     if complete:
         for suite in sorted({spec.suite for spec in specs}):
-            typer.echo(f"Records: {out / suite}/*/*/seed-*/record.json")
+            typer.echo(f"Records: {out / run_path(suite, '*', '*', '*') / RECORD}")
         typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
         typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
     if failed:
         print(
-            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; error.txt in their folders tells more, and "
+            f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; {ERROR} in their folders says why, and "
             "the same command tries them again.",
             file=sys.stderr,
         )

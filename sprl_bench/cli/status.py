@@ -1,6 +1,4 @@
-"""The command that tells how far runs are."""
-
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+"""The command that shows the progress of runs."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ STATUSES = ("finished", "running", "interrupted", "failed", "waiting")
 
 
 def status(runs: Annotated[Path, typer.Argument(help="The folder of all runs.")]) -> int:
-    """Tell what is finished, running, failed and left, and for how long; the exit status is 1 where a run failed."""
+    """Show which runs are finished, running, failed or waiting; the exit status is 1 if a run failed."""
     from sprl_bench.suite import survey
 
     states = survey(runs)
@@ -29,13 +27,13 @@ def status(runs: Annotated[Path, typer.Argument(help="The folder of all runs.")]
 
 
 def _summary(states: Sequence[RunState]) -> list[str]:
-    """Return a line for each run that is not finished, and one for all."""
+    """Return a line for each unfinished run, and one for all."""
     from sprl_bench.progress import duration
 
     names = [state.status for state in states]
     total = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys((*STATUSES, *names)) if name in names)
     running = [state.seconds_left for state in states if state.seconds_left]
-    left = f"; the longest of those that run needs {duration(max(running))} more" if running else ""
+    left = f"; the longest running one needs {duration(max(running))} more" if running else ""
     lines = [_progress(state) for state in states if state.status != "finished"]
     return [*lines, f"{len(states)} run{'s' * (len(states) > 1)}: {total}{left}."]
 
@@ -46,6 +44,6 @@ def _progress(state: RunState) -> str:
     spec = state.spec
     speed = f", {state.steps_per_second:,.0f} steps/s, {duration(state.seconds_left)} left"
     return (
-        f"{state.status:<11}  {spec.suite}/{spec.task.name}/{spec.agent}/seed-{spec.seed}  "
+        f"{state.status:<11}  {spec.path(Path())}  "
         f"{state.env_steps:,} of {spec.task.budget:,} environment steps{speed if state.status == 'running' else ''}"
     )

@@ -1,7 +1,5 @@
 """The command that prints tables."""
 
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
-
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,48 +7,37 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from sprl_bench.cli.options import (
-    Agents,
-    AllowMissing,
-    Format,
-    Output,
-    Runs,
-    Tasks,
-    choose_format,
-    deliver,
-    planned_runs,
-    terminal_width,
-)
+from sprl_bench.cli import options
 
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
 
 
 def table(
-    runs: Runs,
-    form: Format = None,
-    output: Output = None,
-    task: Tasks = None,
-    agent: Agents = None,
-    allow_missing: AllowMissing = False,
+    runs: options.Runs,
+    form: options.Format = None,
+    output: options.Output = None,
+    task: options.Tasks = None,
+    agent: options.Agents = None,
+    allow_missing: options.AllowMissing = False,
 ) -> None:
     """Show each agent's mean AUC with its interval, one table a suite."""
     from sprl_bench.records import find_records
     from sprl_bench.tables import FORMATS, render, tabulate
 
-    form = choose_format(form, output, FORMATS)
+    form = options.choose_format(form, output, FORMATS)
     made = tabulate(
         find_records(runs),
         tasks=task or None,
         agents=agent or None,
-        planned=planned_runs(runs),
+        planned=options.planned_runs(runs),
         allow_missing=allow_missing,
     )
-    deliver(render(made, form, width=terminal_width(output)), output)
+    options.deliver(render(made, form, width=options.terminal_width(output)), output)
 
 
 def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
-    """Print the tables of the planned runs' records; whatever is missing or keeps them apart is said."""
+    """Print the tables of the planned runs' records, with notes on missing runs, or why there is no table."""
     from sprl_bench.tables import IncomparableError, render, tabulate
 
     tasks = sorted({spec.task.name for spec in planned})
@@ -59,4 +46,4 @@ def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> No
     except IncomparableError as error:
         typer.echo(f"No table: {error}", err=True)
         return
-    deliver(render(made, "rich", width=terminal_width(None)), None)
+    options.deliver(render(made, "rich", width=options.terminal_width(None)), None)

@@ -1,6 +1,4 @@
-"""The command that films."""
-
-# ruff: noqa: PLC0415 - a command loads what it needs when it is called, so that help is quick
+"""The command that makes videos."""
 
 from __future__ import annotations
 
@@ -29,19 +27,18 @@ def video(
         typer.Option(help="random (the default), still, solver on grids, or your own as package.module:function."),
     ] = None,
     run: Annotated[
-        Path | None, typer.Option("--run", help="A run, or a folder with runs: what its agent has learned acts.")
+        Path | None, typer.Option("--run", help="A run, or a folder with runs: its trained agent acts.")
     ] = None,
     agent: Annotated[
         str | None,
         typer.Option(
-            help="Whose run, where the folder holds several agents'; your own agents must be named, as "
-            "package.module:factory."
+            help="The agent, if the folder has runs of several; your own must be named, as package.module:factory."
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(min=1, help="How many, one after the other.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of the environment and of the random policy.")] = 0,
 ) -> None:
-    """Film episodes of an environment under a policy, or under what an agent has learned in a run."""
+    """Film episodes of an environment under a policy or a trained agent."""
     from sprl_bench.video import record_video
 
     if ":" in (policy or "") or ":" in (agent or ""):
@@ -66,10 +63,10 @@ def _choose_actor(env_id: str, policy: str | None, run: Path | None, agent: str 
 
     if run is None:
         if agent is not None:
-            raise ValueError(f"agent is {agent!r}; name the folder of its run with --run.")
+            raise ValueError(f"agent is {agent!r}; it must come with --run and the folder of its run.")
         return policy or "random"
     if policy is not None:
-        raise ValueError(f"policy is {policy!r} and run is {str(run)!r}; give one of them.")
+        raise ValueError(f"policy is {policy!r}; it must be left out if --run is given.")
     return str(find_run(run, env_id.rpartition(":")[2], agent))
 
 

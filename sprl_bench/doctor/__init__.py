@@ -1,4 +1,4 @@
-"""What is installed, what works, and what would make a score from here incomparable with published ones."""
+"""Checks of the installation: what is installed, what works, and whether scores are comparable."""
 
 from __future__ import annotations
 

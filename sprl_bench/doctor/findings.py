@@ -1,21 +1,19 @@
-"""What is installed, what works, and what would make a score from here incomparable with published ones."""
-
-# ruff: noqa: PLC0415 - loaded when it is asked for, so that the package stays light
+"""What is installed, what works, and whether scores from here are comparable with published ones."""
 
 from __future__ import annotations
 
 import os
-import platform
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from sprl_bench.extras import EXTRAS, Extra, advice
+from sprl_bench.provenance import surroundings
+from sprl_bench.shipped import find_shipped
 
 BROKEN, INCOMPARABLE, UNKNOWN, SOUND = "x", "!", "?", " "
 NO_PICTURES = (
@@ -26,14 +24,13 @@ NO_PICTURES = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the doctor's.
+    """One line of the doctor's output.
 
     Attributes:
-        subject: A package, an extra, or something that was tried.
-        text: What was found.
-        comparable: False where scores from here would not compare with those of the pinned versions; None where
-            that cannot be told.
-        works: False where something is installed and does not work.
+        subject: A package, an extra, or a probe.
+        text: The result.
+        comparable: Whether scores are comparable with those of the pinned versions; None if unknown.
+        works: False if it is installed and does not work.
     """
 
     subject: str
@@ -43,22 +40,21 @@ class Finding:
 
     @property
     def mark(self) -> str:
-        """What stands in front of the line."""
+        """The first character of the line."""
         if not self.works:
             return BROKEN
         return {True: SOUND, False: INCOMPARABLE, None: UNKNOWN}[self.comparable]
 
 
 def examine() -> list[Finding]:
-    """Return what there is to say about this installation; it takes a few seconds."""
+    """Check this installation; it takes a few seconds."""
     from sprl_bench.doctor.probes import probe
     from sprl_bench.tables import SCORED_PACKAGES
 
     pins = pinned_versions()
     answers = probe()
     return [
-        Finding("python", platform.python_version()),
-        Finding("platform", "-".join((platform.system(), platform.machine(), *platform.libc_ver())).rstrip("-")),
+        *(Finding(name, found) for name, found in surroundings().items()),
         Finding("sprl-bench", version("sprl-bench")),
         *(_package(name, pins) for name in SCORED_PACKAGES if name != "sprl-bench"),
         *(_extra(name, extra) for name, extra in EXTRAS.items()),
@@ -126,13 +122,11 @@ def _drawing(answer: Mapping[str, Any]) -> Finding:
 TRIED: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Finding]]] = MappingProxyType(
     {"computing": ("device", _computing), "joints": ("joints", _joints), "drawing": ("rendering", _drawing)}
 )
-"""By probe: the subject, and what to tell of the answer."""
+"""By probe: the subject, and the finding for its answer."""
 
 
 def pinned_versions() -> dict[str, str]:
     """Return the versions that scored runs use, by package: those of constraints.txt, in a checkout or a wheel."""
-    package = Path(__file__).parents[1]
-    places = (package.parent / "constraints.txt", package / "_constraints.txt")
-    text = next((place.read_text() for place in places if place.exists()), "")
-    pins = re.findall(r"^([A-Za-z0-9._-]+)==([^\s;#]+)", text, re.MULTILINE)
+    file = find_shipped("constraints.txt")
+    pins = re.findall(r"^([A-Za-z0-9._-]+)==([^\s;#]+)", file.read_text() if file.exists() else "", re.MULTILINE)
     return {name.lower().replace("_", "-"): pinned for name, pinned in pins}

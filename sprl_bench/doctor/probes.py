@@ -1,9 +1,7 @@
-"""What can only be found out by trying, tried in a process of its own: a graphics driver may take it down.
+"""Probes of what works, run in a process of their own: a graphics driver may crash it.
 
 `python -m sprl_bench.doctor.probes` prints one line of JSON for each probe, as soon as its answer is known.
 """
-
-# ruff: noqa: PLC0415 - a probe loads what it is about
 
 from __future__ import annotations
 
@@ -18,27 +16,27 @@ from typing import Any, Final
 
 PATIENCE_S: Final = 120.0  # for all probes; the first picture of a busy machine takes a while
 TROUBLE: Final = "trouble"
-"""The key under which an answer says why there is none."""
+"""The key of an error in an answer."""
 
 Answer = dict[str, Any]
 
 
 def _computing() -> Answer:
-    """Return what torch would compute on under `--device auto`."""
+    """Return the device of `--device auto`."""
     import torch
 
     return {"device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu"}
 
 
 def _joints() -> Answer:
-    """Return whether Gymnasium-Robotics is broken under this MuJoCo, and whether our copy of it is mended."""
+    """Return whether Gymnasium-Robotics is broken with this MuJoCo, and whether our fixed copy works."""
     from sprl_bench.envs.fetch.upstream import is_broken, joint_utils
 
     return {"broken": is_broken(), "mended": not is_broken(joint_utils())}
 
 
 def _drawing() -> Answer:
-    """Draw one picture, and return by what and how quickly."""
+    """Draw one picture, and return the backend, the driver and the time."""
     import gymnasium
     import numpy as np
 
@@ -56,7 +54,7 @@ def _drawing() -> Answer:
 
 
 def _backend() -> str:
-    """Return the way to OpenGL: they are tried in this order until one works, so it is the last that was loaded."""
+    """Return the OpenGL backend: MuJoCo tries them in this order, so it is the last one loaded."""
     return [name for name in ("glfw", "egl", "osmesa") if f"mujoco.{name}" in sys.modules][-1]
 
 
@@ -73,11 +71,11 @@ PROBES: Mapping[str, tuple[tuple[str, ...], Callable[[], Answer]]] = MappingProx
         "drawing": (("mujoco", "gymnasium_robotics"), _drawing),
     }
 )
-"""Each probe with the modules without which it is left out."""
+"""Each probe with the modules that it needs."""
 
 
 def main() -> None:
-    """Print the answer of each probe for which there is what it needs."""
+    """Print the answer of each probe whose modules are installed."""
     for name in _possible():
         print(json.dumps({"probe": name, **_ask(PROBES[name][1])}), flush=True)
 
@@ -89,12 +87,12 @@ def _possible() -> list[str]:
 def _ask(ask: Callable[[], Answer]) -> Answer:
     try:
         return ask()
-    except Exception as error:  # whatever a library or a driver comes up with
+    except Exception as error:  # a library or a driver may raise anything
         return {TROUBLE: f"{type(error).__name__}: {error}"}
 
 
 def probe() -> dict[str, Answer]:
-    """Return the answers by probe, from a process of its own; a probe that ended it has no answer but the trouble."""
+    """Return the answers by probe, from a process of its own; a probe that crashed it has only the trouble."""
     command = [sys.executable, "-m", "sprl_bench.doctor.probes"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
@@ -106,7 +104,7 @@ def probe() -> dict[str, Answer]:
 
 
 def _parse(printed: str) -> dict[str, Answer]:
-    """Return the answers among what was printed; a library may have printed too."""
+    """Return the answers in the output; a library may have printed too."""
     answers = [json.loads(line) for line in printed.splitlines() if line.startswith('{"probe": ')]
     return {answer.pop("probe"): answer for answer in answers}
 

@@ -1,9 +1,7 @@
-"""Where runs are worked on: processes of this machine, a Ray cluster, or Slurm. One small shape for all.
+"""Where runs are computed: processes of this machine, a Ray cluster, or Slurm.
 
-An executor maps a function over specs and gives back each result as it comes. It knows nothing of what the function
-does, except that each call needs as many threads as its spec says and may bring its process down.
-
-Ray and Slurm are thin and are tested against stand-ins only: no cluster takes part in the tests.
+An executor maps a function over specs and yields the results as they arrive. A call needs the threads of its spec and
+may crash its process.
 """
 
 from __future__ import annotations
@@ -16,7 +14,7 @@ from sprl_bench.executors.clusters import RayExecutor, SlurmExecutor
 from sprl_bench.executors.local import LocalExecutor
 from sprl_bench.suggestions import unknown
 
-__all__ = ["Executor", "LocalExecutor", "RayExecutor", "SlurmExecutor", "WorkerDiedError", "make_executor"]
+__all__ = ["Executor", "LocalExecutor", "WorkerDiedError", "make_executor"]
 
 EXECUTORS: Final[Mapping[str, Callable[[int], Executor]]] = {
     "local": LocalExecutor,
@@ -30,7 +28,7 @@ def make_executor(name: str, workers: int) -> Executor:
 
     Args:
         name: Which.
-        workers: How many runs at once; 0 for one a core (local) or as many as the cluster takes (ray, slurm).
+        workers: How many runs at once; 0 for one a core (local) or no limit (ray, slurm).
 
     Raises:
         ValueError: There is no such executor, or `workers` is not a count.

@@ -9,38 +9,60 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
-from typing import Any, Final, Generic
+from typing import Any, Final
 
-from sprl_bench.executors.base import Result, WorkerDiedError, under_way, worker_environment
+from sprl_bench.executors.base import Executor, WorkerDiedError, worker_environment
 from sprl_bench.records import RunSpec
 
 POLL_S: Final = 1.0  # seconds between two looks at what has ended
 PATIENCE_S: Final = 120.0  # with a worker that was asked to stop: one update and one checkpoint
 
 
-class LocalExecutor:
-    """A fresh process for each run, some at a time: no run sees what another left behind, or goes down with it."""
+class LocalExecutor(Executor):
+    """A fresh process for each run: no run sees the state of another, or ends with it."""
 
     def __init__(self, workers: int = 0) -> None:
-        self.workers = workers or len(os.sched_getaffinity(0))
+        super().__init__(workers or len(os.sched_getaffinity(0)))
 
-    def map(
-        self, function: Callable[[RunSpec], Result], specs: Sequence[RunSpec]
-    ) -> Iterator[tuple[RunSpec, Result | WorkerDiedError]]:
-        """Call `function` on each spec in a process of its own; see `Executor`."""
-        calls = under_way(specs, self.workers, start=partial(_Worker, function), ended=_ended, stop=_stop)
-        with contextlib.closing(calls):
-            for spec, worker in calls:
-                yield spec, worker.result()
+    def _start(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> _Worker:
+        return _Worker(function, spec)
+
+    def _ended(self, calls: Sequence[_Worker]) -> list[_Worker]:
+        ready = wait([worker.receiver for worker in calls], timeout=POLL_S)
+        return [worker for worker in calls if worker.receiver in ready or not worker.process.is_alive()]
+
+    def _result(self, call: _Worker) -> Any:
+        """Wait for the process to end and return its result."""
+        try:
+            result = call.receiver.recv()
+        except EOFError:
+            call.process.join()
+            return WorkerDiedError(_cause(call.process.exitcode))
+        finally:
+            call.receiver.close()
+        call.process.join()
+        return result
+
+    def _stop(self, calls: Sequence[_Worker]) -> None:
+        """Ask each worker to end after its current update; kill it after a while, or at once on a second Ctrl-C."""
+        try:
+            for worker in calls:
+                worker.process.terminate()
+            deadline = time.monotonic() + PATIENCE_S
+            for worker in calls:
+                worker.process.join(max(0.0, deadline - time.monotonic()))
+        finally:
+            for worker in calls:
+                worker.process.kill()
+                worker.process.join()
 
 
-class _Worker(Generic[Result]):
+class _Worker:
     """One call in one process."""
 
-    def __init__(self, function: Callable[[RunSpec], Result], spec: RunSpec) -> None:
+    def __init__(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> None:
         context = multiprocessing.get_context("spawn")
         self.receiver, sender = context.Pipe(duplex=False)
         self.process: SpawnProcess = context.Process(target=_work, args=(function, spec, sender), name=str(spec.seed))
@@ -48,46 +70,14 @@ class _Worker(Generic[Result]):
             self.process.start()
         sender.close()
 
-    def result(self) -> Result | WorkerDiedError:
-        """Wait for the process to end and return what came of it."""
-        try:
-            result: Result = self.receiver.recv()
-        except EOFError:
-            self.process.join()
-            return WorkerDiedError(_cause(self.process.exitcode))
-        finally:
-            self.receiver.close()
-        self.process.join()
-        return result
-
 
 def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[Any, Any]) -> None:
-    """Be a worker: the parent hears of Ctrl-C too, and asks by SIGTERM; a crash leaves a traceback."""
+    """Be a worker. Ctrl-C reaches the parent too, which then sends SIGTERM; a crash prints a traceback."""
     faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     result = function(spec)
-    with contextlib.suppress(BrokenPipeError):  # the parent has died; nobody is left to hear of it
+    with contextlib.suppress(BrokenPipeError):  # the parent has died
         sender.send(result)
-
-
-def _ended(running: Sequence[_Worker[Result]]) -> list[_Worker[Result]]:
-    """Wait until a worker has a result or has died; return those, maybe none."""
-    ready = wait([worker.receiver for worker in running], timeout=POLL_S)
-    return [worker for worker in running if worker.receiver in ready or not worker.process.is_alive()]
-
-
-def _stop(workers: Sequence[_Worker[Any]]) -> None:
-    """Ask each worker to end after its current update; insist after a while, or at once on a second Ctrl-C."""
-    try:
-        for worker in workers:
-            worker.process.terminate()
-        deadline = time.monotonic() + PATIENCE_S
-        for worker in workers:
-            worker.process.join(max(0.0, deadline - time.monotonic()))
-    finally:
-        for worker in workers:
-            worker.process.kill()
-            worker.process.join()
 
 
 def _cause(exit_code: int | None) -> str:
@@ -106,8 +96,6 @@ def _environment_set(variables: Mapping[str, str]) -> Iterator[None]:
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in variables:
+            del os.environ[name]
+        os.environ.update({name: value for name, value in before.items() if value is not None})

@@ -1,18 +1,10 @@
-"""Leaderboards: one folder a suite, one file an agent, and everything shown is computed from those files."""
+"""Leaderboards: one folder a suite, one file an agent; boards are computed from these files alone."""
 
 from __future__ import annotations
 
-from sprl_bench.leaderboard.comparison import (
-    COMPARISON_FORMATS,
-    Comparison,
-    Difference,
-    compare,
-    render_comparisons,
-    side_by_side,
-)
-from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.leaderboard.comparison import COMPARISON_FORMATS, compare, render_comparisons, side_by_side
+from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.store import (
-    OutdatedEntryError,
     add_entry,
     board,
     boards,
@@ -25,21 +17,14 @@ from sprl_bench.leaderboard.store import (
     schema,
     validate,
 )
-from sprl_bench.leaderboard.submission import check_suite, make_entry
+from sprl_bench.leaderboard.submission import make_entry
 
 __all__ = [
     "COMPARISON_FORMATS",
-    "MINIMUM_SEEDS",
-    "Comparison",
-    "Difference",
     "Entry",
-    "OutdatedEntryError",
-    "SeedResult",
-    "TaskEntry",
     "add_entry",
     "board",
     "boards",
-    "check_suite",
     "compare",
     "entry_path",
     "find_board",

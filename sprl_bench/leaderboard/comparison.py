@@ -14,20 +14,15 @@ from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
     BOOTSTRAP_SEED,
-    GRID_FORMATS,
-    PRIVILEGED,
-    Grid,
     MissingRunsError,
     Result,
-    as_json,
     check_comparable,
     describe_holes,
-    draw,
     find_holes,
-    interval_text,
     matrix,
-    number,
 )
+from sprl_bench.tables.render import PRIVILEGED, interval_text
+from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
 SINGLE = "A single seed has no interval (-)."
@@ -71,19 +66,19 @@ def compare(
 ) -> list[Comparison]:
     """Compare runs with the entries of one board.
 
-    The tasks compared are those that the agent has runs of; its seeds must be the same on all of them. The two sides'
-    seeds are resampled independently, within each task.
+    The agent's seeds must be the same on all tasks. The seeds of both sides are resampled independently, within each
+    task.
 
     Args:
         records: Finished runs; incomplete ones count as missing.
         entries: Of one suite.
-        agent: Whose runs to compare, or None for every agent's.
+        agent: The agent to compare, or None for all.
         tasks: The tasks to compare, or None for all that the agent has runs of.
-        planned: Runs that were asked for: those without a record count as missing.
+        planned: Specs of all runs that there should be: those without a record count as missing.
 
     Raises:
         MissingRunsError: Runs are missing.
-        IncomparableError: The two sides differ in environment, budget, fingerprint or the suite's version.
+        IncomparableError: The two sides are not comparable.
         ValueError: There is no such agent or task, or nothing to compare.
     """
     if not entries:
@@ -116,15 +111,10 @@ def side_by_side(
     planned: Iterable[RunSpec] = (),
     agents: Sequence[str] | None = None,
 ) -> tuple[list[Result], list[RunSpec]]:
-    """Return the results of a board's entries and of finished runs of its suite, and all that was planned of these.
+    """Return the results of a board's entries and of finished runs of its suite, and the specs of all these runs.
 
-    Runs of an agent that has an entry go by another name, "ppo of the runs".
-
-    Args:
-        entries: Of one suite.
-        records: Runs, of other suites too; incomplete ones count as missing.
-        planned: Runs that were asked for: those without a record count as missing.
-        agents: Whose results, of entries and runs alike, or None for all.
+    Runs of an agent that has an entry are renamed, as in "ppo of the runs". The arguments are those of `compare`;
+    `agents` chooses among entries and runs alike.
 
     Raises:
         ValueError: There is no entry, or no such agent.
@@ -167,7 +157,7 @@ def _compare(
         notes = [f"{len(names)} of the suite's {len(entry.tasks)} tasks are compared: {', '.join(names)}.", *notes]
     notes += _setting_notes(ours, theirs)
     if shared := _shared_seeds(ours, theirs):
-        notes = [*notes, f"{entry.agent}'s entry holds these very runs: seeds {', '.join(map(str, shared))}."]
+        notes.append(f"{entry.agent}'s entry holds these very runs: seeds {', '.join(map(str, shared))}.")
     return Comparison(
         suite=entry.suite,
         suite_version=entry.suite_version,
@@ -185,7 +175,7 @@ def _compare(
 
 
 def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
-    """Check that two sides may be compared, though their agents may have the same name."""
+    """Check that two sides are comparable; their agents may have the same name."""
     return check_comparable(
         [
             *(replace(result, agent=f"{result.agent} of the runs") for result in ours),
@@ -195,7 +185,7 @@ def _check_sides(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
 
 
 def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str]:
-    """Say where the two sides are one agent by its name, but not by its hyperparameters."""
+    """Note where the two sides have one agent with different hyperparameters."""
     entered = {result.task.name: result for result in theirs}
     notes = []
     for task, mine in {result.task.name: result for result in ours}.items():
@@ -212,7 +202,7 @@ def _setting_notes(ours: Sequence[Result], theirs: Sequence[Result]) -> list[str
 
 
 def _shared_seeds(ours: Sequence[Result], theirs: Sequence[Result]) -> list[int]:
-    """Return the seeds whose runs are the entry's own, which makes the two sides anything but independent."""
+    """Return the seeds whose runs are the entry's own: there the two sides are not independent."""
     entered = {_signature(result) for result in theirs}
     return sorted(
         {mine.seed for mine in ours if is_telling(mine.task, mine.return_curve) and _signature(mine) in entered}
@@ -245,7 +235,7 @@ def render_comparisons(comparisons: Sequence[Comparison], form: str = "md", *, w
     Args:
         comparisons: One a pair of agent and entry.
         form: One of `COMPARISON_FORMATS`.
-        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+        width: Columns of the terminal for "rich"; None for plain text of any width.
 
     Raises:
         ValueError: There is no such format.
@@ -259,7 +249,7 @@ def render_comparisons(comparisons: Sequence[Comparison], form: str = "md", *, w
 
 
 def _grid(comparisons: Sequence[Comparison]) -> Grid:
-    """Return the grid of one agent: a row an entry."""
+    """Return the table of one agent: a row an entry."""
     first = comparisons[0]
     marked = first.privileged or any(one.entry_privileged for one in comparisons)
     return Grid(

@@ -1,8 +1,7 @@
-"""What an entry of a leaderboard holds: every seed's scores and curves, never only a mean.
+"""An entry of a leaderboard: every seed's scores and curves, never only a mean.
 
-An entry checks itself: its scores follow from its curves, its hash from its hyperparameters, it has at least five
-seeds, no two of them with the same curves, and the same ones on all its tasks. Whether it is what its suite asks for is
-checked where boards are.
+An entry checks itself: its scores follow from its curves and its hash from its hyperparameters; it has at least five
+seeds, the same on all tasks, no two with the same curves. `check_suite` holds it against its suite.
 """
 
 from __future__ import annotations
@@ -13,24 +12,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sprl_bench.records import (
-    Count,
-    Curve,
-    Data,
-    Hardware,
-    Json,
-    Line,
-    Name,
-    Scores,
-    TaskSpec,
-    check_scores,
-    hyperparameters_hash,
-)
+from sprl_bench.records import Data, Hardware, Scores, TaskSpec, gather, hyperparameters_hash
+from sprl_bench.records.types import Count, Curve, Json, Line, Name, check_scores
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
 MINIMUM_SEEDS = 5
-NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")
-"""What every run has loaded."""
+NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")  # every run has loaded them
 
 
 def _link(text: str) -> str:
@@ -94,7 +81,7 @@ class TaskEntry(Data):
         return self
 
     def _check_distinct(self) -> None:
-        """Refuse one run under two seeds."""
+        """Refuse the curves of one run under two seeds."""
         seen: dict[tuple[Curve, Curve], int] = {}
         for number, result in enumerate(self.results):
             curves = result.return_curve, result.success_curve
@@ -115,13 +102,13 @@ class TaskEntry(Data):
 
 
 def is_telling(task: TaskSpec, return_curve: Curve) -> bool:
-    """Return whether no two runs would have this curve: it takes values between nothing, the least and the most."""
+    """Return whether two runs can hardly share this curve: it has more values than 0 and the ends of the range."""
     values = set(return_curve)
     return len(values) > 1 and not values <= {0.0, *task.score_range}
 
 
 def _check_range(name: str, curve: Sequence[float], low: float, high: float) -> None:
-    """Refuse a bin that no episodes could have given; 0 is what stands before the first episode."""
+    """Refuse a bin outside the range of returns; bins before the first episode are 0."""
     slack = 1e-9 * (high - low)  # a mean may leave the range by the last bit
     for number, value in enumerate(curve):
         if not low - slack <= value <= high + slack:
@@ -172,26 +159,4 @@ class Entry(Data):
 
     def results(self) -> Sequence[Result]:
         """Return one result a run, as tables take them."""
-        return [
-            Result(
-                suite=self.suite,
-                suite_version=self.suite_version,
-                task=entry.task,
-                agent=self.agent,
-                privileged=self.privileged,
-                seed=result.seed,
-                num_envs=entry.num_envs,
-                hyperparameters=entry.hyperparameters,
-                fingerprint=entry.fingerprint,
-                versions=self.versions,
-                builds=self.git_commits,
-                codes=self.agent_codes,
-                device=result.device,
-                torch_threads=result.torch_threads,
-                abandoned_share=result.abandoned_share,
-                return_curve=result.return_curve,
-                scores=result.scores,
-            )
-            for entry in self.tasks
-            for result in entry.results
-        ]
+        return [gather(Result, self, entry, result) for entry in self.tasks for result in entry.results]

@@ -1,4 +1,4 @@
-"""Boards: folders of entries, checked one by one and rendered byte for byte from what they hold."""
+"""Boards: folders of entries, each checked when read, from which tables are computed."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.submission import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
+from sprl_bench.shipped import find_shipped
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import IncomparableError, Table, check_comparable, tabulate_results
 from sprl_bench.tasks import SUITES
@@ -21,18 +22,16 @@ SCHEMA = "schema.json"
 
 
 class OutdatedEntryError(InvalidFileError):
-    """An entry of an earlier version of its suite."""
+    """An entry for an earlier version of its suite."""
 
 
 def home() -> Path:
-    """Return the folder of the published boards: the checkout's own, or the copy in an installed wheel."""
-    package = Path(__file__).parents[1]
-    checkout = package.parent / "leaderboards"
-    return checkout if (checkout / SCHEMA).exists() else package / "_leaderboards"
+    """Return the folder of the published boards, in the checkout or in an installed wheel."""
+    return find_shipped(f"leaderboards/{SCHEMA}").parent
 
 
 def own_home() -> Path:
-    """Return the folder of boards that new entries go to: the one here, never the copy in an installed wheel.
+    """Return the folder for new entries: ./leaderboards, never the copy in an installed wheel.
 
     Raises:
         FileNotFoundError: There is none in the current folder.
@@ -44,16 +43,16 @@ def own_home() -> Path:
 
 
 def entry_path(folder: Path, suite: str, agent: str) -> Path:
-    """Return where an entry stands below the folder of all boards."""
+    """Return the path of an entry below the folder of all boards."""
     return folder / suite / f"{agent}.json"
 
 
 def read_entry(path: Path) -> Entry:
-    """Read an entry and check all that can be checked: itself, its suite, and its place.
+    """Read an entry and check its content, its suite and its path.
 
     Raises:
-        OutdatedEntryError: The suite has another version by now.
-        InvalidFileError: Something else is wrong; one line names the file, the line in it, and what.
+        OutdatedEntryError: The suite has a newer version.
+        InvalidFileError: It is invalid; the message names the file, the line and the error.
         FileNotFoundError: There is no such file.
     """
     entry = read(path, Entry)
@@ -75,7 +74,7 @@ def _line(path: Path, complaint: str) -> int:
 
 
 def find_entries(folder: Path) -> list[Entry]:
-    """Read all entries of one board but those of an earlier version of its suite, which a warning names.
+    """Read all entries of one board; a warning names those for an earlier version of its suite, which are left out.
 
     Raises:
         InvalidFileError: One of them is broken.
@@ -94,12 +93,12 @@ def _read_current(paths: Iterable[Path]) -> list[Entry]:
         except OutdatedEntryError:
             outdated.append(str(path))
     if outdated:
-        logger.warning("Left out, as of an earlier version of the suite: %s.", ", ".join(outdated))
+        logger.warning("Left out, for an earlier version of the suite: %s.", ", ".join(outdated))
     return entries
 
 
 def find_board(name: Path) -> list[Entry]:
-    """Return the entries that a path means: one entry's file, a board's folder, or a board's name.
+    """Return the entries of a board's name or folder, or that of one file.
 
     Raises:
         InvalidFileError: An entry is broken.
@@ -124,7 +123,7 @@ def _names(folder: Path) -> list[str]:
 
 
 def validate(paths: Iterable[Path]) -> list[str]:
-    """Return one line for each file that is no valid entry, or cannot stand beside those in its folder; else none."""
+    """Return one line for each file that is no valid entry, or not comparable with those in its folder."""
     complaints = []
     for path in paths:
         try:
@@ -140,11 +139,7 @@ def validate(paths: Iterable[Path]) -> list[str]:
 
 
 def _check_beside(entry: Entry, path: Path) -> None:
-    """Check that an entry can stand beside the others of its folder; those that are broken are passed over.
-
-    Raises:
-        IncomparableError: It cannot.
-    """
+    """Check that an entry is comparable with each valid one in its folder."""
     others: list[tuple[str, Entry]] = []
     for place in sorted(path.parent.glob("*.json")):
         with contextlib.suppress(InvalidFileError, OSError):
@@ -160,7 +155,7 @@ def board(entries: Sequence[Entry]) -> Table:
     """Return the table of one suite's entries, the highest mean AUC first.
 
     Raises:
-        IncomparableError: They must not share a table.
+        IncomparableError: They are not comparable.
         ValueError: There is no entry.
     """
     if not entries:
@@ -188,7 +183,7 @@ def boards(folder: Path, suite: str | None = None) -> list[Table]:
     found = [find_entries(folder / name) for name in names if suite in (None, name)]
     tables = [board(entries) for entries in found if entries]
     if not tables:
-        raise ValueError(f"{folder} has no entry of a suite as it stands; make one with: sprl-bench leaderboard add")
+        raise ValueError(f"{folder} has no entry for a current suite; make one with: sprl-bench leaderboard add")
     return tables
 
 
@@ -197,7 +192,7 @@ def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
 
     Raises:
         FileExistsError: There is one of that name, and `replace` is false.
-        IncomparableError: It cannot stand beside the entries that are there.
+        IncomparableError: It is not comparable with the other entries.
         InvalidFileError: One of those is broken.
     """
     path = entry_path(folder, entry.suite, entry.agent)
@@ -210,5 +205,5 @@ def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
 
 
 def schema() -> str:
-    """Return the JSON schema of an entry, as `leaderboards/schema.json` holds it."""
+    """Return the JSON schema of an entry, the content of `leaderboards/schema.json`."""
     return json.dumps(Entry.model_json_schema(), indent=1, sort_keys=True, ensure_ascii=False) + "\n"

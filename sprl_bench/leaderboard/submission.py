@@ -1,14 +1,14 @@
-"""From a folder of runs to an entry: complete, on the suite as it stands, and of one make."""
+"""From runs to an entry: complete, for the current suite, and made with one set of versions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Literal, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Literal
 
 from pydantic import ValidationError
 
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
-from sprl_bench.records import RunRecord, RunSpec, TaskSpec
+from sprl_bench.records import RunRecord, RunSpec, TaskSpec, gather
 from sprl_bench.records.files import first_complaint
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
@@ -23,7 +23,6 @@ from sprl_bench.tables import (
 from sprl_bench.tasks import SUITES, find_suite, too_wide
 
 Status = Literal["reported", "reproduced"]
-Value = TypeVar("Value")
 
 
 def make_entry(
@@ -36,20 +35,20 @@ def make_entry(
     status: Status = "reported",
     planned: Iterable[RunSpec] = (),
 ) -> Entry:
-    """Return the entry that an agent's runs of one suite make.
+    """Return the entry of an agent's runs of one suite.
 
     Args:
         records: Runs of any agents and suites.
-        agent: Whose entry it is.
+        agent: The entry's agent.
         authors: Of the agent.
         link: To a paper or to the code.
-        suite: Needed only where the agent has runs of several suites.
-        status: "reproduced" where someone else ran it again.
-        planned: Runs that were asked for: those without a record count as missing.
+        suite: Needed only if the agent has runs of several suites.
+        status: "reproduced" if someone else ran it again.
+        planned: Specs of all runs that there should be: those without a record count as missing.
 
     Raises:
         MissingRunsError: A run is missing, or there are fewer than five seeds.
-        IncomparableError: The runs do not belong together, or are not of the suite's own tasks and budgets.
+        IncomparableError: The runs are not comparable, or not of the suite's own tasks and budgets.
         ValueError: There is no such agent or suite among the records.
     """
     mine = _runs_of(list(records), agent, suite)
@@ -65,10 +64,10 @@ def make_entry(
 
 
 def check_suite(entry: Entry) -> None:
-    """Check that an entry is of a suite as it stands: its version, its tasks, their budgets, arguments and widths.
+    """Check an entry against the current suite: version, tasks, budgets, arguments and `num_envs`.
 
     Raises:
-        ValueError: It is not; the message begins with the place in the entry.
+        ValueError: It differs; the message begins with the key in the entry.
     """
     if entry.suite not in SUITES:
         raise ValueError("suite: " + unknown("suite", entry.suite, SUITES))
@@ -113,8 +112,8 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
     seeds = {result.seed for result in results}
     if len(seeds) < MINIMUM_SEEDS:
         raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
-    codes = {code for result in results for code in result.codes}
-    if len(codes) > 1 and complete[0].spec.source:  # a script may be edited from seed to seed; boards tell it
+    codes = {code for result in results for code in result.agent_codes}
+    if len(codes) > 1 and complete[0].spec.source:  # a script may change between seeds; boards note it
         raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
     for package, text in version_differences(results).items():
         raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
@@ -122,21 +121,19 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
 
 def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, status: Status) -> Entry:
     spec = complete[0].spec
-    return Entry(
-        agent=spec.agent,
+    return gather(
+        Entry,
+        spec,
         authors=authors,
         link=link,
-        privileged=spec.privileged,
         status=status,
-        suite=spec.suite,
-        suite_version=spec.suite_version,
         tasks=tuple(
             _task_entry([record for record in complete if record.spec.task.name == task.name])
             for task in find_suite(spec.suite).tasks
         ),
         versions=_versions(complete),
-        git_commits=_commits(complete),
-        agent_codes=tuple(sorted({record.agent_code for record in complete if record.agent_code})),
+        git_commits=tuple(sorted({commit for record in complete for commit in record.git_commits})),
+        agent_codes=tuple(sorted({code for record in complete for code in record.agent_codes})),
         hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
     )
 
@@ -144,45 +141,23 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
 def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
     runs = sorted(records, key=lambda record: record.spec.seed)
     spec = runs[0].spec
-    if spec.source:  # the harness sets the threads; a script has as many as its machine gives it
-        _common(runs, "torch_threads", lambda run: run.torch_threads)
-    return TaskEntry(
-        task=spec.task,
-        source=_common(runs, "source", lambda run: run.source),
-        hyperparameters=spec.hyperparameters,
-        hyperparameters_hash=spec.hyperparameters_hash,
-        num_envs=_common(runs, "num_envs", lambda run: run.num_envs),
-        fingerprint=runs[0].fingerprint,
-        results=tuple(
-            SeedResult(
-                seed=run.spec.seed,
-                device=run.spec.device,
-                torch_threads=run.spec.torch_threads,
-                abandoned_share=run.totals.abandoned_share,
-                scores=run.scores,
-                return_curve=run.return_curve,
-                success_curve=run.success_curve,
-            )
-            for run in runs
-        ),
-    )
+    if spec.source:  # the harness sets the threads; a script has those of its machine
+        _refuse_mixed(runs, "torch_threads")
+    _refuse_mixed(runs, "source")
+    _refuse_mixed(runs, "num_envs")
+    results = tuple(gather(SeedResult, run, run.spec, run.totals) for run in runs)
+    return gather(TaskEntry, runs[0], spec, results=results)
 
 
-def _common(records: Sequence[RunRecord], name: str, value: Callable[[RunSpec], Value]) -> Value:
-    found = {value(record.spec) for record in records}
+def _refuse_mixed(records: Sequence[RunRecord], name: str) -> None:
+    found = {getattr(record.spec, name) for record in records}
     if len(found) > 1:
         task = records[0].spec.task.name
         raise IncomparableError(f"{task}: {name} differs between seeds: {', '.join(sorted(map(repr, found)))}.")
-    return found.pop()
-
-
-def _commits(records: Sequence[RunRecord]) -> tuple[str, ...]:
-    """Return what the runs say of their builds, each once; one that went on after an interruption may name several."""
-    return tuple(sorted({record.git_commit for record in records if record.git_commit}))
 
 
 def _versions(records: Sequence[RunRecord]) -> dict[str, str]:
-    """Return the versions of everything that any run loaded; several only where no score depends on it."""
+    """Return the versions of all packages that any run loaded."""
     names = sorted({name for record in records for name in record.versions})
     return {
         name: ", ".join(sorted({record.versions[name] for record in records if name in record.versions}))

@@ -1,9 +1,9 @@
-"""The only writer of scores: episodes as the environment gave them, and the record they come to."""
+"""The only writer of scores: from the environment's own episodes to a run's record."""
 
 from __future__ import annotations
 
 from sprl_bench.recorder.episodes import EpisodeLog
-from sprl_bench.recorder.scripts import Recording, record, recording
+from sprl_bench.recorder.scripts import record, recording
 from sprl_bench.recorder.wrappers import EnvRecorder, VectorRecorder
 
-__all__ = ["EnvRecorder", "EpisodeLog", "Recording", "VectorRecorder", "record", "recording"]
+__all__ = ["EnvRecorder", "EpisodeLog", "VectorRecorder", "record", "recording"]

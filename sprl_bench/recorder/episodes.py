@@ -1,12 +1,12 @@
-"""The log of finished episodes: what every score is computed from.
+"""The log of finished episodes, from which every score is computed.
 
 Environment steps are counted in the order in which they are taken: vector step by vector step, and within one by
 sub-environment. An episode's stamp is the number of its last step, so with N sub-environments that all step an episode
 that ends at vector step t (from 1) in sub-environment i has stamp (t - 1) N + i + 1. Calls that only reset are not
 counted, and nothing beyond the budget is scored.
 
-An episode that is reset before its end ends there, as a failure with the return it had: were it dropped, whoever resets
-what does not go well would be scored on the rest alone. Those that still run at the budget are dropped.
+An episode that is reset before its end counts as a failure, with the return it had: otherwise an agent could raise its
+score by resetting bad episodes. Episodes that are unfinished at the budget are dropped.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ EPISODE: Final = np.dtype(
 )
 """One finished episode: stamp and length in environment steps, env the index of its sub-environment."""
 
+ARRAYS: Final = ("sums", "lost", "lengths", "stamps", "over")  # of a log's state
 ALL: Final = slice(None)
 
 Mask = npt.NDArray[np.bool_]
@@ -34,36 +35,35 @@ Indices = npt.NDArray[np.int64]
 class EpisodeLog:
     """Counts environment steps and logs each finished episode, for any number of sub-environments.
 
-    Returns are summed with a running compensation for what rounding loses, so they do not depend on the order or the
-    number of rewards, and never on what a wrapper above makes of the rewards.
+    Returns are summed with compensation for rounding, so they do not depend on the order or the number of rewards.
 
     Args:
         num_envs: Number of sub-environments N.
         budget: Environment steps after which nothing is logged any more.
-        autoreset: What a step does in a sub-environment whose episode is over. Under `DISABLED` it is an error.
+        autoreset: When a sub-environment is reset; under `DISABLED`, a step after an episode's end is an error.
     """
 
     def __init__(self, num_envs: int, budget: int, autoreset: AutoresetMode = AutoresetMode.SAME_STEP) -> None:
-        self.num_envs, self.budget, self.autoreset = num_envs, budget, autoreset
+        self.budget, self.autoreset = budget, autoreset
         self.env_steps = 0
         self.abandoned = 0  # episodes that were reset before their end, and logged as failures
-        self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
-        self._lost = np.zeros(num_envs)  # [N], what rounding took from those sums
-        self._lengths = np.zeros(num_envs, np.int64)  # [N]
-        self._stamps = np.zeros(num_envs, np.int64)  # [N], of the last step that each has taken; 0 for none
-        self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset
         self._may_be_over = autoreset is not AutoresetMode.SAME_STEP
-        self._numbers = np.arange(1, num_envs + 1)  # of the steps within one call, where each sub-environment takes one
+        self._allocate(num_envs)
         self._rows = np.empty(1024, EPISODE)
         self._count = 0
 
+    def _allocate(self, num_envs: int) -> None:
+        self.num_envs = num_envs
+        self._sums = np.zeros(num_envs)  # [N], of the running episode's rewards
+        self._lost = np.zeros(num_envs)  # [N], rounding errors of those sums
+        self._lengths = np.zeros(num_envs, np.int64)  # [N]
+        self._stamps = np.zeros(num_envs, np.int64)  # [N], of the last step that each has taken; 0 for none
+        self._over = np.zeros(num_envs, np.bool_)  # [N], ended and not yet reset
+        self._numbers = np.arange(1, num_envs + 1)  # of the steps within one call, if each sub-environment takes one
+
     def add_env(self) -> int:
-        """Make room for one more sub-environment, before the first step, and return its index."""
-        self.num_envs += 1
-        self._sums, self._lost = np.zeros(self.num_envs), np.zeros(self.num_envs)
-        self._lengths, self._stamps = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
-        self._over = np.zeros(self.num_envs, np.bool_)
-        self._numbers = np.arange(1, self.num_envs + 1)
+        """Add one sub-environment, before the first step, and return its index."""
+        self._allocate(self.num_envs + 1)
         return self.num_envs - 1
 
     @property
@@ -89,16 +89,16 @@ class EpisodeLog:
         """Count one call of `step` and log the episodes that it ended; once the budget is reached, do nothing.
 
         Args:
-            rewards: [K], as the environment gave them.
+            rewards: [K], the environment's own.
             ended: [K], terminated or truncated.
-            success: [K], looked at where `ended`.
+            success: [K], read where `ended`.
             envs: Which K of the N sub-environments were stepped.
 
         Returns:
             Whether this call reached the budget.
 
         Raises:
-            ResetNeeded: A step was taken after the end of an episode, where nothing resets by itself.
+            ResetNeeded: A step was taken after the end of an episode, without autoreset.
             ValueError: An episode's return is not finite.
         """
         if self.complete:
@@ -123,7 +123,7 @@ class EpisodeLog:
         return self.complete
 
     def _without_resets(self, envs: slice) -> Mask:
-        """Return which of `envs` took a step rather than being reset by the call, and note that they all run now."""
+        """Return which of `envs` the call stepped instead of resetting; afterwards none is over."""
         if self.autoreset is not AutoresetMode.NEXT_STEP:
             raise ResetNeeded("A recorded episode is over; reset its environment before the next step.")
         stepped = ~self._over[envs]
@@ -131,7 +131,7 @@ class EpisodeLog:
         return stepped
 
     def _add(self, rewards: Floats, envs: slice) -> None:
-        """Add to the sums, and to what they lost: the exact error of a floating-point sum is itself a float."""
+        """Add to the sums and to their rounding errors: the exact error of a floating-point sum is itself a float."""
         before = self._sums[envs]
         after = before + rewards
         part = after - before
@@ -165,7 +165,7 @@ class EpisodeLog:
         self._lengths[envs] = 0
 
     def reset(self, envs: slice | Indices | Mask = ALL) -> None:
-        """Log what was unfinished in the sub-environments that were reset from outside; a mask [N] is fine.
+        """Log the unfinished episodes of the sub-environments that were reset from outside; `envs` may be a mask [N].
 
         Raises:
             ValueError: The return of an unfinished episode is not finite.
@@ -179,16 +179,12 @@ class EpisodeLog:
         self._over[envs] = False
 
     def state_dict(self) -> dict[str, Any]:
-        """Return everything that the log's future depends on."""
+        """Return all that later records depend on."""
         rows = self._rows[: self._count]
         return {
             "env_steps": self.env_steps,
             "abandoned": self.abandoned,
-            "sums": self._sums.copy(),
-            "lost": self._lost.copy(),
-            "lengths": self._lengths.copy(),
-            "stamps": self._stamps.copy(),
-            "over": self._over.copy(),
+            **{name: getattr(self, f"_{name}").copy() for name in ARRAYS},
             "episodes": {name: rows[name].copy() for name in EPISODE.names or ()},
         }
 
@@ -201,9 +197,8 @@ class EpisodeLog:
         if len(state["sums"]) != self.num_envs:
             raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
         self.env_steps, self.abandoned = int(state["env_steps"]), int(state["abandoned"])
-        self._sums, self._lost = np.array(state["sums"]), np.array(state["lost"])
-        self._lengths, self._stamps = np.array(state["lengths"]), np.array(state["stamps"])
-        self._over = np.array(state["over"])
+        for name in ARRAYS:
+            setattr(self, f"_{name}", np.array(state[name]))
         columns = state["episodes"]
         self._count = len(columns["stamp"])
         self._rows = np.empty(max(1024, self._count), EPISODE)

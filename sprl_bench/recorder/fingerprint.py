@@ -1,12 +1,11 @@
-"""The environment's fingerprint: the hash of a fixed trajectory, so that revisions are never compared unawares.
+"""The environment's fingerprint: the hash of a fixed trajectory, so that revisions are not compared by accident.
 
-Two environments take random actions, past the first end of an episode in both. By those alone most sparse tasks would
-never show their reward: in our own, golden episodes lead to it.
+Two environments take random actions, past the first end of an episode in both. Random actions do not reach the reward
+of most sparse tasks, so for our own environments golden episodes follow, which do.
 
-A simulator's last bits differ from processor to processor, so numbers are rounded. Where bodies touch, that is not
-enough: a difference in the last bit grows to one that can be seen. Under continuous actions, what is seen is therefore
-taken in at the beginning only, and then when episodes end. What contact does is held by the simulator's version, which
-is never mixed.
+A simulator's last bits differ between processors, so numbers are rounded. After a contact that is not enough: a
+difference in the last bit grows. With continuous actions, the hash therefore takes all that is seen only in the first
+steps, and then only when episodes end. For contacts, the table relies on the simulator's version, which is never mixed.
 """
 
 from __future__ import annotations
@@ -22,25 +21,26 @@ from gymnasium import Space, spaces
 from gymnasium.envs.registration import make_vec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from sprl_bench.actions import uniform_actions
 from sprl_bench.recorder.golden import GOLDEN
 from sprl_bench.records import TaskSpec
 
 NUM_ENVS = 2
 STEPS = 200  # at least
-MOST_STEPS = 2000  # where episodes do not end
+MOST_STEPS = 2000  # if episodes do not end
 SEED = 20240  # of the random episodes and actions
-DECIMALS = 5  # simulators differ beyond from processor to processor
-TAME_STEPS = 8  # under continuous actions, from a reset that is asked for: before anything is touched
+DECIMALS = 5  # simulators differ in later ones between processors
+TAME_STEPS = 8  # with continuous actions, after a reset: before any contact
 
 
 def fingerprint(task: TaskSpec) -> str:
-    """Return 16 hexadecimal digits that follow from everything an agent can see in a short, fixed trajectory."""
+    """Return 16 hexadecimal digits that depend on all that an agent can see in a short, fixed trajectory."""
     return _fingerprint(task.env_id, json.dumps(task.arguments, sort_keys=True))
 
 
 @functools.cache
 def _fingerprint(env_id: str, arguments: str) -> str:
-    # Single environments: the engine equals them bit for bit, and there may be nothing compiled yet.
+    # Single environments: they equal the engine bit for bit and need no compilation.
     mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
     envs = make_vec(env_id, NUM_ENVS, vectorization_mode="sync", vector_kwargs=mode, **json.loads(arguments))
     try:
@@ -52,7 +52,7 @@ def _fingerprint(env_id: str, arguments: str) -> str:
 def _trajectory_hash(envs: VectorEnv[Any, Any, Any], env_id: str) -> str:
     digest = hashlib.sha256()
     continuous = isinstance(envs.single_action_space, spaces.Box)
-    steps = 0  # since the last reset that was asked for
+    steps = 0  # since the last reset() call
     for seen in trajectory(envs, env_id):
         steps = steps + 1 if len(seen) > 1 else 0
         _take_in(digest, seen[2:4] if continuous and steps > TAME_STEPS else seen)
@@ -60,7 +60,7 @@ def _trajectory_hash(envs: VectorEnv[Any, Any, Any], env_id: str) -> str:
 
 
 def trajectory(envs: VectorEnv[Any, Any, Any], env_id: str) -> Iterator[tuple[Any, ...]]:
-    """Play, and yield all that an agent can see: observations; then with rewards, endings and what ended, by step."""
+    """Play, and yield all that an agent can see: after a reset the observations, after a step rewards and ends too."""
     generator = np.random.default_rng(SEED)
     yield (envs.reset(seed=SEED)[0],)
     ended = np.zeros(NUM_ENVS, np.bool_)
@@ -83,12 +83,11 @@ def _step(envs: VectorEnv[Any, Any, Any], actions: Any) -> tuple[Any, ...]:
 
 
 def _random_actions(space: Space[Any], generator: np.random.Generator) -> Any:
-    if isinstance(space, spaces.Discrete):
-        return space.start + generator.integers(space.n, size=NUM_ENVS)
-    if isinstance(space, spaces.Box) and space.is_bounded():
-        return generator.uniform(space.low, space.high, (NUM_ENVS, *space.shape)).astype(space.dtype)
-    space.seed(int(generator.integers(2**31)))
-    return tuple(space.sample() for _ in range(NUM_ENVS))
+    try:
+        return uniform_actions(space, NUM_ENVS, generator)
+    except ValueError:  # another kind of space has its own way to sample
+        space.seed(int(generator.integers(2**31)))
+        return tuple(space.sample() for _ in range(NUM_ENVS))
 
 
 def _take_in(digest: Any, value: Any) -> None:

@@ -1,7 +1,7 @@
-"""Golden episodes: how a reward is come by in our environments, which chance does not show in a few hundred steps.
+"""Golden episodes: action sequences that reach the reward of our environments, which random actions rarely do.
 
-Seeds and actions are constants, found once by the exact solver on the grids and by looking through seeds on the Fetch
-tasks. Should an environment change, they may lead nowhere; then the fingerprint changes all the more.
+Seeds and actions are constants: found by the exact solver on the grids, and by a search over seeds on the Fetch tasks.
+If an environment changes, they may no longer reach it; the fingerprint then changes too.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class Golden:
     """Two episodes that are played side by side.
 
     Attributes:
-        seeds: What each is reset with.
-        paths: The actions of each, a digit an action; both are equally long. Empty where actions are continuous: there
-            they stand still for one step.
+        seeds: Of each episode's reset.
+        paths: The actions of each, a digit an action, equally long. Empty for continuous actions: one step without
+            motion.
     """
 
     seeds: tuple[int, int]
@@ -36,8 +36,8 @@ class Golden:
             yield np.array(both, np.int64)
 
 
-# On the grids both episodes end at the goal; of the Fetch tasks' the first begins within reach of it, the second just
-# beyond, so that the distance that counts as reached shows as well.
+# On the grids both episodes end at the goal. On the Fetch tasks the first begins within the distance that counts as
+# success and the second just outside it.
 GOLDEN: Final[Mapping[str, Golden]] = MappingProxyType(
     {
         "SPRL/FourRooms-7x7-v1": Golden((17, 19), ("222122", "022202")),

@@ -1,7 +1,7 @@
-"""Which task an environment is: its id, its arguments, and nothing beneath the recorder that changes them.
+"""Which task an environment is, by its id and arguments, with no wrapper beneath the recorder that could change it.
 
-Only what `gymnasium.make` itself puts around an environment may lie beneath. It is not asked what another wrapper
-does: above the recorder it can do no harm to a score, and that is where it belongs.
+Only the wrappers that `gymnasium.make` adds itself may lie beneath. All others belong above the recorder, where they
+cannot change a score.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ ADVICE: Final = "record what gymnasium.make returned, and wrap what record() ret
 
 @dataclass(frozen=True)
 class Identity:
-    """What an environment was made from.
+    """An environment's id and arguments.
 
     Attributes:
         env_id: The Gymnasium id.
-        arguments: What was given to `make`, as far as it can change an episode.
-        defaults: What the environment takes where an argument is not given.
+        arguments: Those given to `make` that can change an episode.
+        defaults: Of the arguments that were not given.
     """
 
     env_id: str
@@ -56,12 +56,11 @@ class Identity:
 
 
 def identify(env: Env | Envs) -> Identity:
-    """Return what a single or a vector environment was made from.
+    """Return the id and arguments of a single or a vector environment.
 
     Raises:
         TypeError: It is neither.
-        ValueError: It was not made by `gymnasium.make` or `make_vec`, or something lies beneath that could change
-            rewards or endings.
+        ValueError: It was not made by `gymnasium.make` or `make_vec`, or a wrapper on it could change rewards or ends.
     """
     if isinstance(env, VectorWrapper):
         raise ValueError(f"{type(env).__name__} lies beneath the recorder; {ADVICE}")
@@ -117,13 +116,13 @@ def _check_time_limit(limit: int | None, registered: EnvSpec) -> None:
     if limit not in (None, -1, registered.max_episode_steps):
         raise ValueError(
             f"max_episode_steps={limit} changes where episodes of {registered.id} end; it is "
-            f"{registered.max_episode_steps} there. Leave it out; above the recorder a TimeLimit may lie, and what it "
-            "cuts counts as failed."
+            f"{registered.max_episode_steps} there. Leave it out. A TimeLimit may lie above the recorder; the episodes "
+            "that it cuts count as failures."
         )
 
 
 def _identify_by_spec(made: EnvSpec | None) -> Identity:
-    """Identify an environment that cannot be looked into: the spec lists all wrappers and arguments."""
+    """Identify an environment of other processes or a batched one: its spec lists all wrappers and arguments."""
     registered = _registered(made)
     assert made is not None
     own = [wrapper.entry_point for wrapper in registered.additional_wrappers]
@@ -155,7 +154,7 @@ def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
 
 
 def _defaults(registered: EnvSpec) -> dict[str, Argument]:
-    """Return the plain defaults in the signature of what makes a single environment."""
+    """Return the plain defaults in the signature of a single environment's constructor."""
     entry_point = registered.entry_point
     creator: Callable[..., Any] | None = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     if creator is None:
@@ -165,22 +164,19 @@ def _defaults(registered: EnvSpec) -> dict[str, Argument]:
 
 
 def choose_task(
-    identity: Identity,
-    suite: str | None,
-    budget: int | None,
-    score_range: tuple[float, float] | None = None,
+    identity: Identity, suite: str | None, budget: int | None, score_range: tuple[float, float] | None = None
 ) -> tuple[Suite, Task]:
     """Return the suite and task that a recorded environment belongs to.
 
     Args:
         identity: The environment.
         suite: Its name; by default the first suite that holds the environment.
-        budget: Environment steps; other than the task's, they make the run one of the suite "custom".
-        score_range: The lowest and the highest return of a task of no suite; by default (0, 1).
+        budget: Environment steps; a budget other than the task's makes the run "custom".
+        score_range: Lowest and highest return of a task of no suite; by default (0, 1).
 
     Raises:
-        ValueError: There is no such suite, it has no such task, or no task matches and there is no budget either; or
-            a task of a suite is given a range of scores.
+        ValueError: There is no such suite, it has no such task, no task matches and no budget is given, or a task of a
+            suite is given another score range.
     """
     if budget is not None and (isinstance(budget, bool) or not isinstance(budget, int | np.integer) or budget < 1):
         raise ValueError(f"budget is {budget!r}; it must be a positive integer, in environment steps.")
@@ -192,11 +188,11 @@ def choose_task(
         raise ValueError(f"suite {suite!r} has no task {_described(identity)}; its tasks are {tasks}.")
     given_range = None if score_range is None else _checked_range(score_range)
     if found is not None and given_range not in (None, found[1].score_range):
-        raise ValueError(f"score_range is {score_range!r}, but that of {found[1].name} is {found[1].score_range}.")
+        raise ValueError(f"score_range is {score_range!r}; it must be that of {found[1].name}, {found[1].score_range}.")
     if found is not None and suite != CUSTOM.name and budget in (None, found[1].budget):
         return found
     if budget is None:
-        raise ValueError(f"No suite has a task {_described(identity)}: say how long to record by budget=...")
+        raise ValueError(f"No suite has a task {_described(identity)}: give budget=..., in environment steps.")
     task = found[1] if found else _task_of_its_own(identity, given_range or (0.0, 1.0))
     return CUSTOM, with_budget(task, int(budget))
 
@@ -217,7 +213,7 @@ def _described(identity: Identity) -> str:
 
 
 def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Task:
-    """Return a task of no suite, its arguments in its name."""
+    """Return a task of no suite, with its arguments in its name."""
     domains = [task.domain for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
     defaults = identity.defaults
     changed = {name: v for name, v in identity.arguments.items() if name not in defaults or defaults[name] != v}

@@ -1,74 +1,56 @@
-"""From a log of episodes to a run's record on disk."""
+"""From a log of episodes to a run's record in its folder."""
 
 from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sprl_bench import provenance, scores
+from sprl_bench import scores
+from sprl_bench.provenance import Provenance
 from sprl_bench.recorder.episodes import EPISODE, EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
-from sprl_bench.records import RunRecord, RunSpec, Scores, Totals, write, write_bytes
+from sprl_bench.records import RunRecord, RunSpec, Scores, Totals, gather, write, write_bytes
 from sprl_bench.records.folder import EPISODES, RECORD
 
 
 def write_result(
-    folder: Path,
-    spec: RunSpec,
-    log: EpisodeLog,
-    *,
-    wall_time_s: float,
-    peak_memory_mib: float = 0.0,
-    git_commit: str | None = None,
-    agent_code: str | None = None,
+    folder: Path, spec: RunSpec, log: EpisodeLog, provenance: Provenance, *, wall_time_s: float
 ) -> RunRecord:
-    """Write a run's episodes and then its record; the record is the sign that all is there.
+    """Write a run's episodes and then its record: where there is a record, everything is written.
 
     Args:
-        folder: Where to.
-        spec: What it was a run of.
+        folder: The run's folder.
+        spec: The run.
         log: Its episodes; the record is incomplete if the budget is not reached.
-        wall_time_s: Seconds that it took, all its parts together.
-        peak_memory_mib: The most memory that its earlier parts used.
-        git_commit: Of its parts, where they differ; by default this checkout's.
-        agent_code: Hash of the agent's file as it was when the run began.
+        provenance: As taken at the start; it is completed here.
+        wall_time_s: Seconds, over all processes that worked on the run.
     """
-    record = _record(spec, log, wall_time_s, peak_memory_mib, git_commit, agent_code)
+    record = _record(spec, log, provenance, wall_time_s)
     write_bytes(folder / EPISODES, _parquet(log))
     write(folder / RECORD, record)
     return record
 
 
-def _record(
-    spec: RunSpec,
-    log: EpisodeLog,
-    wall_time_s: float,
-    peak_memory_mib: float,
-    git_commit: str | None,
-    agent_code: str | None,
-) -> RunRecord:
+def _record(spec: RunSpec, log: EpisodeLog, provenance: Provenance, wall_time_s: float) -> RunRecord:
     episodes, task = log.episodes, spec.task
     returns = tuple(scores.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
     success = tuple(scores.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
-    status: Literal["complete", "incomplete"] = "complete" if log.complete else "incomplete"
-    return RunRecord(
+    of_environment = fingerprint(task)  # may load packages, so before the provenance is completed
+    return gather(
+        RunRecord,
+        provenance.completed(),
         spec=spec,
-        status=status,
+        status="complete" if log.complete else "incomplete",
         return_curve=returns,
         success_curve=success,
         scores=Scores.of(task, returns, success),
         totals=_totals(log),
-        fingerprint=fingerprint(task),
-        versions=provenance.versions(),
-        git_commit=git_commit or provenance.git_commit(),
-        agent_code=agent_code,
-        hardware=provenance.hardware(),
+        fingerprint=of_environment,
         wall_time_s=round(wall_time_s, 3),
-        peak_memory_mib=max(peak_memory_mib, provenance.peak_memory_mib()),
     )
 
 
@@ -97,7 +79,7 @@ def _parquet(log: EpisodeLog) -> bytes:
 
 
 def _column(values: npt.NDArray[Any]) -> Any:
-    """Return an Arrow array made of raw memory: any other way loads pandas, which fails when the process is ending."""
+    """Return an Arrow array of raw memory: every other way loads pandas, which fails at interpreter exit."""
     import pyarrow  # noqa: PLC0415 - as above
 
     packed = np.packbits(values, bitorder="little") if values.dtype == np.bool_ else np.ascontiguousarray(values)

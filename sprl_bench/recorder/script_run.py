@@ -1,4 +1,4 @@
-"""One run of a script: the environments that belong to it, their turns, and the record they come to."""
+"""One run of a script: its environments, their turns, and its record."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 import gymnasium
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from sprl_bench import provenance
+from sprl_bench.provenance import Provenance
 from sprl_bench.recorder.episodes import EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.recorder.identity import choose_task, identify
@@ -37,12 +37,12 @@ ELSEWHERE: Final = (
 def spec_of(
     env: Any, *, suite: str | None, budget: int | None, score_range: tuple[float, float] | None, **rest: Any
 ) -> RunSpec:
-    """Return what an environment's run is, as far as it is known at the beginning."""
+    """Return the spec of an environment's run, as far as it is known at the start."""
     return RunSpec.of(*choose_task(identify(env), suite, budget, score_range), source="", num_envs=1, **rest)
 
 
 def run_of(spec: RunSpec, folder: Path) -> ScriptRun:
-    """Return the run of this process that is recorded there, begun if need be."""
+    """Return the run that this process records in `folder`, new if there is none yet."""
     run = _LIVE.get(folder) or ScriptRun(spec, folder)
     if run.spec != spec:
         raise ValueError(f"{folder} is being recorded with {'; '.join(differences(run.spec, spec))}.")
@@ -50,33 +50,32 @@ def run_of(spec: RunSpec, folder: Path) -> ScriptRun:
 
 
 class ScriptRun:
-    """One run of a script while it goes on, from its first environment to its record.
+    """One run of a script, from its first environment to its record.
 
     Args:
-        spec: What it is a run of; sub-environments, device and threads are filled in at the end.
-        folder: Where its record goes.
+        spec: The run; sub-environments, device and threads are filled in at the end.
+        folder: The run's folder.
 
     Raises:
-        FileExistsError: Something lies there that must not be replaced.
-        LockedError: Another process is recording there.
+        FileExistsError: The folder holds something that must not be replaced.
+        LockedError: Another process records in this folder.
     """
 
     def __init__(self, spec: RunSpec, folder: Path) -> None:
-        import pyarrow.parquet  # noqa: F401, PLC0415 - too late to load when the interpreter shuts down
+        import pyarrow.parquet  # noqa: F401, PLC0415 - it cannot be loaded at interpreter exit
 
         self.spec, self.folder = spec, folder
-        self.held = False  # whether it goes on when all its environments are closed
+        self.held = False  # whether it stays open when all its environments are closed
         self.final = False  # whether its record has been written
         fingerprint(spec.task)  # now, for the same reason
-        provenance.git_commit()  # is remembered from here on: files may change until the end
-        self._code = provenance.agent_code(spec.source)
+        self._provenance = Provenance.take(spec.source)
         self._owned = contextlib.ExitStack()
         self._owned.enter_context(lock(folder))
         self._owned.callback(_LIVE.pop, folder)
         _LIVE[folder] = self
         self._process, self._started = os.getpid(), time.perf_counter()
         self._log, self._vector = self._empty_log(), False
-        self._warned = False  # of too many environments, if need be
+        self._warned = False  # of too many environments
         self._open: set[_Member] = set()
         try:
             _refuse_to_replace(folder)
@@ -119,7 +118,7 @@ class ScriptRun:
         return EpisodeLog(0, self.spec.task.budget, AutoresetMode.DISABLED)
 
     def check_turn(self, steps: int) -> None:
-        """Refuse a step, after so many, out of turn: with N environments, each steps before one takes its next."""
+        """Refuse the next step of an environment that is ahead of another one by a step; it has taken `steps`."""
         if not self._warned:
             self._warn_of_width(len(self._open))
         if len(self._open) > 1 and not self.final:
@@ -131,52 +130,48 @@ class ScriptRun:
                 )
 
     def leave(self, member: _Member) -> None:
-        """Write what there is, if this was the last of the environments."""
+        """Write the record if this was the last open environment."""
         self._open.discard(member)
         if not self._open and not self.held:
             self.finish()
 
     def finish(self) -> None:
-        """Write the record, complete or not, unless that has been done; a run without a step leaves nothing."""
+        """Write the record once, complete or not; a run without a step has none."""
         if self.final or os.getpid() != self._process:
             return
         self.final = True
         with self._owned:
             if self._log.env_steps:
-                known_by_now = {"num_envs": self._log.num_stepped, **provenance.computing()}
-                spec = self.spec.model_copy(update=known_by_now)
+                made = self._provenance.completed()
+                known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}
                 wall_time_s = time.perf_counter() - self._started
-                write_result(self.folder, spec, self._log, wall_time_s=wall_time_s, agent_code=self._code)
+                write_result(self.folder, self.spec.model_copy(update=known), self._log, made, wall_time_s=wall_time_s)
                 self._report()
 
     def _warn_of_width(self, num_envs: int) -> None:
-        """Warn, once, where there are more environments than a leaderboard takes."""
+        """Warn, once, of more environments than a leaderboard allows."""
         self._warned = True
         if fault := too_wide(self.spec.suite, self.spec.task.name, num_envs):
             logger.warning("%s.", fault)
 
     def _report(self) -> None:
-        """Log what was written; warn where no table will take it."""
+        """Log the record; warn of abandoned episodes, or if no table will take it."""
         if self._log.complete and self._log.abandoned:
             logger.warning(
-                "%s has %d of %d episodes that were reset before their end; they count as failures.",
-                self.folder,
-                self._log.abandoned,
-                len(self._log.episodes),
+                "%s: %d of %d episodes were reset before their end; they count as failures.",
+                *(self.folder, self._log.abandoned, len(self._log.episodes)),
             )
         if self._log.complete:
             logger.info("%s has its record: all of the %d env steps.", self.folder, self.spec.task.budget)
         else:
             logger.warning(
                 "%s has an incomplete record, which no table takes: %d of %d env steps.",
-                self.folder,
-                self._log.env_steps,
-                self.spec.task.budget,
+                *(self.folder, self._log.env_steps, self.spec.task.budget),
             )
 
 
 class _Member(Listener):
-    """One environment of a run, and what it has done so far."""
+    """One environment of a run, with the steps and resets it has taken."""
 
     def __init__(self, run: ScriptRun) -> None:
         self._run = run

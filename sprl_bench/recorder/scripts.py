@@ -1,8 +1,8 @@
 """Records of any script's run: one line around its environment, or one block around all of it.
 
-Environments recorded under the same suite, task, agent and seed in one process are the sub-environments of one run, as
-where a library makes its vector environment out of single ones. They must be stepped in turn. An environment that is
-used for something else, such as evaluation, is therefore noticed at once, and must be made outside.
+In one process, environments with the same suite, task, agent and seed are the sub-environments of one run, as in a
+library's own vector environment. They must be stepped in turn, so an environment for evaluation is an error at once: it
+must be made outside.
 """
 
 from __future__ import annotations
@@ -35,43 +35,36 @@ def record(
 ) -> AnyEnv:
     """Return `env` with a recorder on it, which writes the run's record below `out`.
 
-    The task is found by the environment's id and arguments. At the budget the record is written and final, and later
-    steps pass through; on `close`, or when the process ends, what there is by then is written as incomplete. The
-    environment can be wrapped and handed to any library. It behaves as before, but for two things: it wants a reset
-    before its first step, and until the record is written no seed after that.
+    The task is found by the environment's id and arguments. At the budget the final record is written, and later steps
+    pass through. On an earlier `close`, or when the process ends, an incomplete record is written. The environment can
+    be wrapped and given to any library. Two things differ: its first step needs a reset before it, and no later reset
+    may have a seed until the record is written.
 
     Args:
-        env: What `gymnasium.make` or `gymnasium.make_vec` returned.
+        env: As returned by `gymnasium.make` or `gymnasium.make_vec`.
         out: The root of all runs; the record goes to `<out>/<suite>/<task>/<agent>/seed-<seed>`.
-        agent: What tables shall call the method.
-        seed: The seed that the script runs with; it is noted, not set.
+        agent: The method's name in tables.
+        seed: The seed of the script; it is noted, not set.
         suite: Which suite the run belongs to; by default the first one that has the task.
-        budget: Environment steps, where no suite has the task. Other than the task's, they make the run "custom".
-        score_range: The lowest and the highest return there can be, where no suite has the task; else (0, 1).
-        privileged: Whether the method sees what an ordinary agent does not.
-        hyperparameters: To be noted: names and plain values.
+        budget: Environment steps, for a task of no suite. A budget other than the task's makes the run "custom".
+        score_range: Lowest and highest return, for a task of no suite; by default (0, 1).
+        privileged: Whether the method sees more than an ordinary agent.
+        hyperparameters: Names and plain values, to be noted.
 
     Raises:
-        TypeError, ValueError: An argument is not allowed, or something lies beneath the recorder.
-        FileExistsError: There is a complete record, or an unfinished run of the command line, in that place.
+        TypeError, ValueError: An argument is not allowed, or a wrapper lies beneath the recorder.
+        FileExistsError: The folder holds a complete record, or an unfinished run of the command line.
         LockedError: Another process is recording the same run.
     """
-    spec = spec_of(
-        env,
-        suite=suite,
-        budget=budget,
-        score_range=score_range,
-        agent=agent,
-        seed=seed,
-        privileged=privileged,
-        hyperparameters=hyperparameters,
-    )
+    task: dict[str, Any] = {"suite": suite, "budget": budget, "score_range": score_range}
+    about: dict[str, Any] = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
+    spec = spec_of(env, **task, **about)
     recorded: AnyEnv = run_of(spec, spec.path(Path(out).resolve())).take_in(env)
     return recorded
 
 
 class Recording:
-    """A block in which every environment of ours that is made is recorded; see `recording`."""
+    """A block in which each new environment of this package is recorded; see `recording`."""
 
     def __init__(self, out: Path, arguments: Mapping[str, Any]) -> None:
         self._out, self._arguments = out, arguments
@@ -81,12 +74,12 @@ class Recording:
 
     @property
     def folders(self) -> list[Path]:
-        """Where the records of this block are or will be."""
+        """The folders of this block's records, written or not."""
         return list(self._runs)
 
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
-        """Leave the environments that are made inside unrecorded: those for evaluation."""
+        """Do not record the environments that are made inside, such as those for evaluation."""
         self._paused = True
         try:
             yield
@@ -94,7 +87,7 @@ class Recording:
             self._paused = False
 
     def made(self, env: AnyEnv) -> AnyEnv:
-        """Return what shall be given to whoever made `env`."""
+        """Return the environment to use instead of a new `env`: recorded, or `env` itself."""
         made = env.unwrapped.spec
         if self._paused or made is None or not made.id.startswith(NAMESPACE):
             return env
@@ -115,7 +108,7 @@ class Recording:
         return recorded
 
     def finish(self) -> None:
-        """Write the records of what is not complete."""
+        """Write the incomplete records."""
         with contextlib.ExitStack() as all_of_them:
             for run in self._runs.values():
                 all_of_them.callback(run.finish)
@@ -136,38 +129,20 @@ def recording(
     """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
 
     Each task has one record; environments of the same task are the sub-environments of one run and must be stepped in
-    turn. Make those for evaluation before the block, or inside `with recording.paused():`; one that is made when the
-    record is complete is not recorded, with a warning. When the block ends, whatever is not complete is written as
-    incomplete. A name imported earlier, as in `from gymnasium import make`, is not seen, and neither is what other
-    processes make.
+    turn. Make those for evaluation before the block, or inside `with recording.paused():`. After a record is complete,
+    further environments of its task are not recorded, with a warning. When the block ends, unfinished runs are written
+    as incomplete. Environments of other processes are not recorded, nor those of a `make` imported by name.
 
-    Args:
-        out: See `record`, as for the others.
-        agent: What tables shall call the method.
-        seed: The seed that the script runs with.
-        suite: Which suite the runs belong to.
-        budget: Environment steps, where no suite has the task.
-        score_range: The lowest and the highest return there can be, where no suite has the task.
-        privileged: Whether the method sees what an ordinary agent does not.
-        hyperparameters: To be noted: names and plain values.
+    The arguments are those of `record`.
 
     Raises:
         RuntimeError: The block lies within another one.
     """
     if hasattr(gymnasium.make, "_records"):
         raise RuntimeError("recording() blocks cannot lie within one another.")
-    block = Recording(
-        Path(out).resolve(),
-        {
-            "agent": agent,
-            "seed": seed,
-            "suite": suite,
-            "budget": budget,
-            "score_range": score_range,
-            "privileged": privileged,
-            "hyperparameters": hyperparameters,
-        },
-    )
+    task = {"suite": suite, "budget": budget, "score_range": score_range}
+    about = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
+    block = Recording(Path(out).resolve(), {**task, **about})
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)
     try:
@@ -184,5 +159,5 @@ def _recorded(make: Callable[..., AnyEnv], block: Recording) -> Callable[..., An
     def make_recorded(*arguments: Any, **keywords: Any) -> AnyEnv:
         return block.made(make(*arguments, **keywords))
 
-    make_recorded._records = True  # type: ignore[attr-defined] # a mark of ours
+    make_recorded._records = True  # type: ignore[attr-defined] # our own mark
     return make_recorded

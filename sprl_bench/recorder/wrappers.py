@@ -1,7 +1,7 @@
 """The recorder: sits directly on the environment, sees its true rewards, and passes everything through unchanged.
 
-Wrappers above it may do to rewards, observations and endings what they like; no score can follow. So that none can by
-choosing episodes either, recording begins with a reset, and no reset after the first step is seeded.
+Wrappers above it may change rewards, observations and endings without changing a score. So that episodes cannot be
+chosen either, recording begins with a reset, and no reset after the first step may have a seed.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Listener:
-    """Is told what happens to a recorded environment; this one does nothing."""
+    """Receives the events of a recorded environment; this one ignores them."""
 
     @property
     def recording(self) -> bool:
-        """Whether what the environment does is still recorded, as far as the listener knows."""
+        """Whether the environment is still recorded."""
         return True
 
     def stepping(self) -> None:
-        """Hear that a single environment is about to take a step; raising keeps it from that."""
+        """A single environment is about to take a step; raise to prevent it."""
 
     def resetting(self) -> None:
-        """Hear that a single environment is about to be reset."""
+        """A single environment is about to be reset."""
 
     def completed(self) -> None:
-        """Hear that the budget has been reached."""
+        """The budget is reached."""
 
     def closed(self) -> None:
-        """Hear that the environment is about to be closed."""
+        """The environment is about to be closed."""
 
 
 SILENT: Final = Listener()
@@ -47,9 +47,7 @@ UNRESET: Final = "A recorded environment must be reset() before its first step, 
 
 
 def _refuse_seed(seed: Any) -> None:
-    """Refuse a seed after the first recorded step.
-
-    Else whoever resets with one seed again and again would be scored on a single layout, by mistake or not.
+    """Refuse a seed after the first recorded step: repeating one seed would score a single layout.
 
     Raises:
         ValueError: A seed is given.
@@ -58,7 +56,7 @@ def _refuse_seed(seed: Any) -> None:
     if any(one is not None for one in seeds):
         raise ValueError(
             f"seed is {seed!r}, but recorded steps have been taken, and only a reset() before them may be seeded: "
-            "later episodes go on with its stream. Call reset() without a seed."
+            "later episodes continue its random stream. Call reset() without a seed."
         )
 
 
@@ -67,18 +65,13 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
 
     Args:
         env: A vector environment whose `metadata` names its autoreset mode.
-        budget: Environment steps after which nothing is recorded any more; steps go on as before.
-        listener: Is told of the budget's end and of `close`.
-        seeded: Whether the environment has its seed already, and `reset` refuses another one.
+        budget: Environment steps after which nothing is recorded; later steps pass through.
+        listener: Receives `completed` and `closed`.
+        seeded: Whether the environment already has its seed, so that `reset` refuses another one.
     """
 
     def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        budget: int,
-        listener: Listener = SILENT,
-        *,
-        seeded: bool = False,
+        self, env: VectorEnv[Any, Any, Any], budget: int, listener: Listener = SILENT, *, seeded: bool = False
     ) -> None:
         super().__init__(env)
         self._seeded = seeded
@@ -88,7 +81,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         self._listener = listener
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment; unfinished episodes of what is reset count as failures.
+        """Reset the environment; the unfinished episodes that this ends count as failures.
 
         Raises:
             ValueError: A seed is given where the environment has its own, or after the first recorded step.
@@ -111,7 +104,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         """Step the environment and log the episodes that end.
 
         Raises:
-            ResetNeeded: It has not been reset since it is recorded.
+            ResetNeeded: It was not reset since recording began.
         """
         if not self._begun:
             raise ResetNeeded(UNRESET)
@@ -129,11 +122,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         return np.asarray(source.get("is_success", np.zeros_like(ended))).astype(np.bool_)
 
     def __getstate__(self) -> Any:
-        """Refuse to be copied or pickled.
-
-        Raises:
-            TypeError: Always: what a copy does would not be recorded, or be recorded twice.
-        """
+        """Refuse to be copied or pickled: a copy's steps would be recorded twice, or not at all."""
         raise TypeError(UNCOPYABLE)
 
     def close(self, **kwargs: Any) -> None:
@@ -147,17 +136,13 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Args:
         env: The environment.
-        log: What to write to.
+        log: The log of all sub-environments.
         index: Which sub-environment of that log this is.
-        listener: Is told of everything.
+        listener: Receives all events.
     """
 
     def __init__(
-        self,
-        env: gymnasium.Env[Any, Any],
-        log: EpisodeLog,
-        index: int = 0,
-        listener: Listener = SILENT,
+        self, env: gymnasium.Env[Any, Any], log: EpisodeLog, index: int = 0, listener: Listener = SILENT
     ) -> None:
         super().__init__(env)
         self.episode_log, self._index = log, index
@@ -182,7 +167,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Step the environment and log the episode if it ends.
 
         Raises:
-            ResetNeeded: It has not been reset since it is recorded.
+            ResetNeeded: It was not reset since recording began.
         """
         if not self._is_reset:
             raise ResetNeeded(UNRESET)
@@ -200,11 +185,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return slice(self._index, self._index + 1)
 
     def __getstate__(self) -> Any:
-        """Refuse to be copied or pickled.
-
-        Raises:
-            TypeError: Always: what a copy does would not be recorded, or be recorded twice.
-        """
+        """Refuse to be copied or pickled: a copy's steps would be recorded twice, or not at all."""
         raise TypeError(UNCOPYABLE)
 
     def close(self) -> None:

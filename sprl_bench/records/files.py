@@ -1,7 +1,7 @@
-"""JSON files: read with suspicion, written whole or not at all.
+"""JSON files: checked against a type when read, written whole or not at all.
 
-Nothing is evaluated and nothing is unpickled. What a file must hold is said by its type; a file that holds anything
-else is refused with one line that names the file, the line in it, and the place.
+Nothing is evaluated and nothing is unpickled. An invalid file is refused with one sentence that names the file, the
+line in it, and the key.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from sprl_bench.records.places import Place, find_duplicate, find_line
 from sprl_bench.suggestions import did_you_mean
 
 SHOWN_LETTERS = 80
-OURS = "Value error, "
-"""What pydantic puts before a sentence of ours."""
+OURS = "Value error, "  # pydantic puts this before our own sentences
 
 
 class Data(BaseModel):
@@ -31,7 +30,7 @@ class Data(BaseModel):
 
 
 class InvalidFileError(ValueError):
-    """A file that does not hold what it should; the message names the file, the line and the first place."""
+    """An invalid file; the message names the file, the line and the first wrong key."""
 
 
 Model = TypeVar("Model", bound=Data)
@@ -52,17 +51,17 @@ def read(path: Path, model: type[Model]) -> Model:
         raise InvalidFileError(f"{path}:{_describe(content, error)}") from None
     text = content.decode()
     if duplicate := find_duplicate(text):
-        raise InvalidFileError(f"{path}:{find_line(text, duplicate)}: {_name(duplicate)}: this key is there twice")
+        raise InvalidFileError(f"{path}:{find_line(text, duplicate)}: {_name(duplicate)}: this key is given twice")
     return data
 
 
 def locate(path: Path, place: Place) -> int:
-    """Return the line of a valid JSON file on which the value at `place`, or the innermost around it, begins."""
+    """Return the line of a valid JSON file on which the value at `place` begins; see `find_line`."""
     return find_line(path.read_text(encoding="utf-8"), place)
 
 
 def _describe(content: bytes, error: ValidationError) -> str:
-    """Return "LINE: PLACE: what is wrong there", for the first thing that is wrong."""
+    """Return "LINE: PLACE: ERROR" for the first error."""
     first = _sorted(error)[0]
     if first["type"] == "json_invalid":
         line = re.search(r"at line (\d+)", first["msg"])
@@ -71,19 +70,19 @@ def _describe(content: bytes, error: ValidationError) -> str:
 
 
 def first_complaint(error: ValidationError) -> str:
-    """Return "PLACE: what is wrong there", for the first thing that is wrong."""
+    """Return "PLACE: ERROR" for the first error."""
     errors = _sorted(error)
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     return f"{_name(errors[0]['loc'])}: {_complaint(errors[0], errors)}{more}"
 
 
 def _sorted(error: ValidationError) -> list[ErrorDetails]:
-    """Return what is wrong, unknown keys first: they are often what is missing elsewhere, misspelt."""
+    """Return all errors, unknown keys first: an unknown key is often a missing one, misspelt."""
     return sorted(error.errors(include_url=False), key=lambda one: one["type"] != "extra_forbidden")
 
 
 def _subject(error: ErrorDetails) -> Place:
-    """Return the place within the checked value that a sentence of ours begins with, as in "scores.auc is..."."""
+    """Return the place that begins a sentence of ours, as in "scores.auc is..."."""
     if error["type"] != "value_error":
         return ()
     words = re.findall(r"\w+", error["msg"].removeprefix(OURS).partition(" ")[0])
@@ -108,26 +107,26 @@ def _name(place: Place) -> str:
 
 
 def _printable(text: str, letters: int) -> str:
-    """Return `text` on one line, without control characters, and not longer than `letters`."""
+    """Return `text` on one line of at most `letters`, without control characters."""
     line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
     return line if len(line) <= letters else f"{line[:letters]}..."
 
 
 def write(path: Path, data: Data) -> None:
-    """Write one JSON file so that `path` holds either what it held before or all of `data`."""
+    """Write one JSON file, whole or not at all."""
     write_bytes(path, (data.model_dump_json(indent=1) + "\n").encode())
 
 
-STREAMS: Final = (Path("/dev"), Path("/dev/fd"))  # not /dev/shm, where folders of runs may well be
+STREAMS: Final = (Path("/dev"), Path("/dev/fd"))  # not /dev/shm, which may hold folders of runs
 
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a temporary file beside `path`, flush it to the disk, and rename it.
 
-    A link is followed, and a device or a pipe, such as /dev/stdout, written to: neither is replaced.
+    A link is followed; a device or a pipe, such as /dev/stdout, is written to instead of replaced.
     """
     if path.parent in STREAMS or (path.exists() and not path.is_file()):
-        with path.open("ab") as stream:  # a file that standard output goes to keeps what it has
+        with path.open("ab") as stream:  # appends, if standard output is redirected to a file
             stream.write(content)
         return
     path = path.resolve()

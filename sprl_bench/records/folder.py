@@ -1,4 +1,4 @@
-"""A run's folder: what lies in it, and that one process at a time writes there."""
+"""A run's folder: its path, the names of its files, and the lock that lets one process at a time write there."""
 
 from __future__ import annotations
 
@@ -21,19 +21,29 @@ ERROR: Final = "error.txt"
 OUTPUT: Final = "output.txt"
 LOCK: Final = ".lock"
 
-PATIENCE_S: Final = 0.5  # looking whether a lock is held takes it for a moment
+PATIENCE_S: Final = 0.5  # `is_locked` takes the lock for a moment
+
+
+def run_path(suite: str, task: str, agent: str, seed: int | str) -> Path:
+    """Return a run's folder, relative to the root of all runs; each part may be a pattern such as "*"."""
+    return Path(suite, task, agent, f"seed-{seed}")
+
+
+def seeds_beside(folder: Path) -> list[Path]:
+    """Return the folders of all seeds of a run's suite, task and agent, its own included."""
+    return sorted(folder.parent.glob(run_path("", "", "", "*").name))
 
 
 class LockedError(RuntimeError):
-    """Another process is at work in this folder."""
+    """Another process works in this folder."""
 
 
 @contextlib.contextmanager
 def lock(folder: Path) -> Iterator[None]:
-    """Keep other processes out of a run's folder for as long as the context lasts; the system ends it with the process.
+    """Keep other processes out of a run's folder; the lock ends with the context or with the process.
 
     Raises:
-        LockedError: Another process is in there.
+        LockedError: Another process works in this folder.
     """
     descriptor = _acquire(folder)
     try:
@@ -56,16 +66,14 @@ def _acquire(folder: Path) -> int:
 
 
 def _try(path: Path) -> int | None:
-    """Return an open, locked file, or None where another process has it."""
+    """Return an open, locked file, or None if another process holds the lock."""
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # Whoever held it before may have removed the file between opening and locking: then the lock is on nothing.
+        # The process that held it may have removed the file between our opening and locking it.
         if path.exists() and path.stat().st_ino == os.fstat(descriptor).st_ino:
             return descriptor
-    except BlockingIOError:
-        pass
-    except FileNotFoundError:
+    except (BlockingIOError, FileNotFoundError):
         pass
     os.close(descriptor)
     return None
@@ -78,7 +86,7 @@ def _holder(folder: Path) -> str:
 
 
 def is_locked(folder: Path) -> bool:
-    """Return whether a process is at work in this folder."""
+    """Return whether a process works in this folder."""
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR)
     except FileNotFoundError:
@@ -93,7 +101,7 @@ def is_locked(folder: Path) -> bool:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove the temporary files of a process that was killed while it wrote; the caller holds the lock."""
+    """Remove the temporary files of a process that was killed while writing; the caller holds the lock."""
     for name in (RECORD, EPISODES, CHECKPOINT, WEIGHTS, SPEC):
         for path in folder.glob(f".{name}.*"):
             path.unlink()

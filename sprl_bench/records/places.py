@@ -1,4 +1,4 @@
-"""Where in a JSON text each of its values stands, so that a complaint can name the line."""
+"""The line of each value in a JSON text, so that an error can name it."""
 
 from __future__ import annotations
 
@@ -7,25 +7,20 @@ import re
 from collections.abc import Iterator
 
 Place = tuple[str | int, ...]
-"""The keys and indices that lead from the whole file to a value."""
+"""The keys and indices of a value, from the outside in."""
 
 TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\]:,]|[^\s{}\[\]:,"]+')
 
 
 def find_line(text: str, place: Place) -> int:
-    """Return the line, from 1, of a value or, where it is not there, of the innermost one around its place.
-
-    Args:
-        text: Valid JSON.
-        place: Keys and indices from the outside in.
-    """
+    """Return the line, from 1, of a value in valid JSON; if it is missing, of the innermost value around its place."""
     lines = dict(values(text))
     depth = next(depth for depth in range(len(place), -1, -1) if place[:depth] in lines)
     return lines[place[:depth]]
 
 
 def find_duplicate(text: str) -> Place | None:
-    """Return the first place that a valid JSON text gives two values, or None where each has one."""
+    """Return the first place that has two values in a valid JSON text, or None."""
     seen: set[Place] = set()
     for place, _ in values(text):
         if place in seen:
@@ -35,7 +30,7 @@ def find_duplicate(text: str) -> Place | None:
 
 
 def values(text: str) -> Iterator[tuple[Place, int]]:
-    """Walk through a valid JSON text and yield the place and the line of each value, in the text's order."""
+    """Yield the place and the line of each value in a valid JSON text, in its order."""
     path: list[str | int] = []
     line, scanned, at_key = 1, 0, False
     for token in TOKEN.finditer(text):

@@ -1,7 +1,7 @@
-"""The types of what is written to disk: one run's record, and what it was a run of.
+"""The types of a run's files: its spec and its record.
 
 Plain data, checked when read: unknown keys, numbers that are not finite, and scores that do not follow from their own
-curve are refused with one line that names the place.
+curve are refused with one sentence that names the key.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ import json
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
 
 from sprl_bench import scores
 from sprl_bench.records.files import Data, first_complaint, read
+from sprl_bench.records.folder import RECORD, run_path
 from sprl_bench.tasks import Suite, Task
 
 SHOWN_LETTERS = 60
@@ -25,12 +26,12 @@ LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
 
 
 def _file_name(name: str) -> str:
-    """Refuse what cannot name a file everywhere, or what a spreadsheet would take for a formula."""
+    """Refuse a name that is no file name on some system, or a formula in a spreadsheet."""
     sound = (name[0].isalnum() or name[0] == "_") and not name.endswith(".") and name == name.strip()
     if not sound or set(name) & set('/\\:"<>|?*') or len(name.encode()) > LONGEST_NAME:
         raise ValueError(
-            f"{name!r} cannot name a folder everywhere: begin with a letter, digit or _, end in no dot or space, use "
-            f'none of / \\ : " < > | ? * and at most {LONGEST_NAME} bytes'
+            f"{name!r} cannot name a folder on every system: it must begin with a letter, digit or _, not end in a dot "
+            f'or space, have none of / \\ : " < > | ? * and at most {LONGEST_NAME} bytes'
         )
     return name
 
@@ -65,6 +66,22 @@ Json = Annotated[JsonValue, AfterValidator(_finite)]
 Curve = Annotated[tuple[Bounded, ...], Field(min_length=scores.BINS, max_length=scores.BINS, strict=False)]
 
 
+Kind = TypeVar("Kind")
+
+
+def gather(kind: type[Kind], *sources: object, **others: Any) -> Kind:
+    """Make a value of a dataclass or a `Data` whose fields come by name from the first source that has them.
+
+    Args:
+        kind: What to make.
+        sources: Values with attributes; those that are no fields of `kind` are left out.
+        others: Fields that no source has, or that are not what it has.
+    """
+    names = getattr(kind, "__dataclass_fields__", None) or getattr(kind, "model_fields", {})
+    found = {name: getattr(source, name) for source in reversed(sources) for name in names if hasattr(source, name)}
+    return kind(**{**found, **others})
+
+
 class TaskSpec(Data):
     """A task as it was when the run was made."""
 
@@ -85,18 +102,11 @@ class TaskSpec(Data):
     @classmethod
     def of(cls, task: Task) -> Self:
         """Return the written form of a row of the task table."""
-        return cls(
-            name=task.name,
-            env_id=task.env_id,
-            budget=task.budget,
-            domain=task.domain,
-            arguments=dict(task.arguments),
-            score_range=task.score_range,
-        )
+        return gather(cls, task, arguments=dict(task.arguments))
 
 
 def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
-    """Return 16 hexadecimal digits that follow from the names and values alone, whatever their order."""
+    """Return 16 hexadecimal digits that depend on the names and values, not on their order."""
     text = json.dumps(hyperparameters, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -118,7 +128,7 @@ def _plain(name: Any, value: Any) -> Any:
 
 
 class RunSpec(Data):
-    """A run as a value: all that its scores follow from, apart from the code and its versions."""
+    """A run as a value: all that its scores depend on, apart from the code and its versions."""
 
     suite: Name
     suite_version: Count
@@ -141,7 +151,7 @@ class RunSpec(Data):
 
     @classmethod
     def of(cls, suite: Suite, task: Task, *, hyperparameters: Mapping[str, Any], **rest: Any) -> Self:
-        """Return the spec of a run of one task of a suite; `rest` are the other fields.
+        """Return the spec of a run of one task of a suite; `rest` holds the other fields.
 
         Raises:
             ValueError: A field has a value that is not allowed; the message is one line that names it.
@@ -161,7 +171,7 @@ class RunSpec(Data):
 
     def path(self, root: Path) -> Path:
         """Return the folder of this run under `root`."""
-        return root / self.suite / self.task.name / self.agent / f"seed-{self.seed}"
+        return root / run_path(self.suite, self.task.name, self.agent, self.seed)
 
 
 def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
@@ -219,7 +229,7 @@ class Totals(Data):
 
     @property
     def abandoned_share(self) -> float:
-        """Which share of the episodes was reset before its end."""
+        """Share of the episodes that were reset before their end."""
         return min(1.0, self.abandoned / self.episodes) if self.episodes else 0.0
 
     @model_validator(mode="after")
@@ -239,7 +249,7 @@ class Hardware(Data):
 
 
 class RunRecord(Data):
-    """One run: what it was, what came of it, and what it ran on."""
+    """One run: its spec, its scores, and its provenance."""
 
     schema_version: Literal[1] = 1
     spec: RunSpec
@@ -252,12 +262,21 @@ class RunRecord(Data):
     versions: dict[Line, Line]
     git_commit: Line | None
     agent_code: Line | None = Field(
-        default=None,
-        description='Hash of the file of an agent named as "package.module:attribute", or of the script.',
+        default=None, description='Hash of the file of an agent named as "package.module:attribute", or of the script.'
     )
     hardware: Hardware
     wall_time_s: Amount
     peak_memory_mib: Amount
+
+    @property
+    def git_commits(self) -> tuple[str, ...]:
+        """The commit as an entry lists it; none for an installed wheel."""
+        return (self.git_commit,) if self.git_commit else ()
+
+    @property
+    def agent_codes(self) -> tuple[str, ...]:
+        """The hash of the agent's own file as an entry lists it; none for an installed agent."""
+        return (self.agent_code,) if self.agent_code else ()
 
     @model_validator(mode="after")
     def _scores_follow(self) -> Self:
@@ -292,4 +311,4 @@ def find_records(root: Path) -> list[RunRecord]:
     """
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    return [read(path, RunRecord) for path in sorted(root.rglob("record.json"))]
+    return [read(path, RunRecord) for path in sorted(root.rglob(RECORD))]

@@ -1,7 +1,7 @@
-"""Many runs: from a suite, agents and seeds to specs, from specs to records, and what is left to do.
+"""Many runs: from a suite, agents and seeds to specs, from specs to records, and the state of each run.
 
-All that is known about a run lies in its folder, so it does not matter which process or machine works on it: what is
-finished is skipped, what was interrupted goes on, what failed is tried again, and more can be added at any time.
+A run's state is in its folder alone, so any process or machine can work on it: finished runs are skipped, interrupted
+ones continue, failed ones are tried again, and more can be added at any time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From specs to records: what is finished is skipped, what was interrupted goes on, what failed is tried again."""
+"""From specs to records: finished runs are skipped, interrupted ones continue, failed ones are tried again."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from typing import Final, Literal
 
 from sprl_bench.executors import Executor, WorkerDiedError
 from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
-from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked
-from sprl_bench.run import InterruptedRunError, SpecChangedError, find_finished, run
+from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked, seeds_beside
+from sprl_bench.resume import SpecChangedError, find_finished
+from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.tasks import too_wide
 
 logger = logging.getLogger("sprl_bench")
@@ -28,7 +29,7 @@ RunKey = tuple[str, str, str, int]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one spec; `error` is one line, empty unless it failed."""
+    """The end of one run; `error` is one line, empty unless it failed."""
 
     spec: RunSpec
     status: Literal["finished", "skipped", "failed"]
@@ -36,16 +37,16 @@ class Outcome:
 
 
 class Observer:
-    """Is told how a suite goes; this one does nothing."""
+    """Receives the events of a suite; this one ignores them."""
 
     def started(self, specs: Sequence[RunSpec], out: Path) -> None:
-        """Hear that these runs are wanted; what becomes of them can be read in their folders."""
+        """The work on these runs begins; their progress can be read in their folders."""
 
     def ended(self, outcome: Outcome) -> None:
-        """Hear what became of one of them."""
+        """One of them has ended."""
 
     def closed(self) -> None:
-        """Hear that no more will come."""
+        """No more will end."""
 
 
 def run_suite(
@@ -55,13 +56,13 @@ def run_suite(
     executor: Executor,
     observer: Observer = Observer(),  # noqa: B008 - it has no state
 ) -> list[Outcome]:
-    """Work on all runs that are not finished, and return what became of each, in the order of `specs`.
+    """Work on all unfinished runs, and return the outcome of every run, in the order of `specs`.
 
-    A run that fails leaves its traceback in its folder and does not keep the others from going on.
+    A run that fails writes its traceback to its folder; the others continue.
 
     Raises:
-        SpecChangedError: There are results under the same name with another spec. Nothing has been started.
-        InvalidFileError: A file there is broken. Nothing has been started.
+        SpecChangedError: There are results under the same name with another spec. No run was started.
+        InvalidFileError: A file there is broken. No run was started.
     """
     _refuse_changes(specs, out)
     _warn_of_width(specs)
@@ -88,29 +89,28 @@ def _work_on(specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, ex
     left = {_key(spec) for spec in waiting}
     yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
     for spec, result in executor.map(partial(_attempt, out=out), waiting):
-        yield _crashed(spec, out, result) if isinstance(result, WorkerDiedError) else result
-
-
-def _crashed(spec: RunSpec, out: Path, error: WorkerDiedError) -> Outcome:
-    _leave_error(spec, out, f"{error}\n")
-    return Outcome(spec, "failed", str(error))
+        if isinstance(result, WorkerDiedError):
+            _leave_error(spec, out, f"{result}\n")
+            yield Outcome(spec, "failed", str(result))
+        else:
+            yield result
 
 
 def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
-    """Write down why a run failed, unless that is just what cannot be done."""
+    """Write down why a run failed, if the folder can be written to."""
     with contextlib.suppress(OSError):
         write_bytes(spec.path(out) / ERROR, text.encode())
 
 
 def _attempt(spec: RunSpec, out: Path) -> Outcome:
-    """Run one spec in a worker, and make of whatever happens an outcome."""
+    """Run one spec in a worker, and turn its end, or any error, into an outcome."""
     parent = os.getppid()
     try:
         with _output_to(spec.path(out) / OUTPUT):
             run(spec, out, stop=lambda: os.getppid() != parent)
     except (InterruptedRunError, LockedError) as error:
         return Outcome(spec, "failed", str(error))
-    except Exception as error:  # whatever an agent does wrong, the other runs go on
+    except Exception as error:  # an agent may raise anything; the other runs continue
         _leave_error(spec, out, traceback.format_exc())
         return Outcome(spec, "failed", f"{type(error).__name__}: {error}".partition("\n")[0])
     return Outcome(spec, "finished")
@@ -118,7 +118,7 @@ def _attempt(spec: RunSpec, out: Path) -> Outcome:
 
 @contextlib.contextmanager
 def _output_to(path: Path) -> Iterator[None]:
-    """Let all that this process prints, compiled code included, go to a file; an empty one is removed."""
+    """Redirect all output of this process, compiled code included, to a file; remove it if it stays empty."""
     saved = [os.dup(descriptor) for descriptor in (1, 2)]
     with path.open("ab") as file:
         for descriptor in (1, 2):
@@ -136,10 +136,10 @@ def _output_to(path: Path) -> Iterator[None]:
 
 
 def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
-    """Refuse specs that differ in more than the seed from what lies under the same suite, task and agent."""
+    """Refuse specs that differ in more than the seed from a run of the same suite, task and agent."""
     changed = []
     for spec in {_key(spec)[:3]: spec for spec in specs}.values():
-        for place, other in _begun(spec.path(out).parent):
+        for place, other in _begun(spec.path(out)):
             lines = differences(other.model_copy(update={"seed": spec.seed}), spec)
             changed += [f"{place}: {line}" for line in lines]
     if changed:
@@ -151,15 +151,15 @@ def _refuse_changes(specs: Sequence[RunSpec], out: Path) -> None:
 
 
 def _warn_of_width(specs: Sequence[RunSpec]) -> None:
-    """Say before the first step what will keep these runs off every leaderboard."""
+    """Warn of runs with more sub-environments than a leaderboard allows."""
     for fault in dict.fromkeys(too_wide(spec.suite, spec.task.name, spec.num_envs) for spec in specs):
         if fault:
             logger.warning("%s.", fault)
 
 
 def _begun(folder: Path) -> Iterator[tuple[Path, RunSpec]]:
-    """Yield the folder and the spec of each of an agent's runs that has come to something or is worked on."""
-    for place in sorted(folder.glob("seed-*")):
+    """Yield the folder and the spec of each seed beside `folder` that has results or is running."""
+    for place in seeds_beside(folder):
         if (place / RECORD).exists():
             yield place, read(place / RECORD, RunRecord).spec
         elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):

@@ -1,4 +1,4 @@
-"""From a suite, agents and seeds to specs: every run that is wanted."""
+"""From a suite, agents and seeds to the specs of all runs."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
-from sprl_bench.agents import AgentFactory, has_hyperparameter, load_factory, resolve_hyperparameters
+from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.suite.devices import resolve_device
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
 
-NUM_ENVS: Final = 12  # where an agent has no opinion
 NONE: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
@@ -30,19 +29,19 @@ def expand(
 ) -> list[RunSpec]:
     """Return the specs of all runs: every seed of every task and agent.
 
-    A budget is a property of a task. Runs under another one never lie where the suite's scores lie: they belong to
-    the suite "custom", and the budget becomes part of the task's name.
+    A budget is a property of a task. Runs with another budget belong to the suite "custom", and the budget becomes part
+    of the task's name.
 
     Args:
-        suite: Where the tasks are from.
-        agents: Names of installed agents, or "package.module:factory", named by its last part. Behind those that
-            have presets, "@" and a preset's name may follow, and then belong to the agent's name.
+        suite: Which tasks.
+        agents: Names of installed agents, or "package.module:factory" for your own, named by its last part. A preset
+            is chosen by "agent@preset", which is then the agent's name.
         seeds: One run each.
         tasks: Names of some of the suite's tasks; by default all.
         budget: Environment steps, instead of each task's own.
-        overrides: Hyperparameters that differ from the presets, for all agents.
+        overrides: Hyperparameters that differ from the preset, for all agents.
         device: Where agents compute: "cpu", "cuda", "cuda:N", or "auto" for a GPU if there is one.
-        torch_threads: Threads of each run, never derived from the number of workers.
+        torch_threads: Threads of each run.
 
     Raises:
         ValueError: Something is unknown, out of range, or given twice.
@@ -72,7 +71,7 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
     if repeated:
         raise ValueError(f"{name} holds {repeated[0]!r} more than once.")
     if not len(values):
-        raise ValueError(f"{name} is empty; name at least one.")
+        raise ValueError(f"{name} is empty; it must hold at least one.")
 
 
 def _agent_name(agent: str) -> str:
@@ -82,36 +81,17 @@ def _agent_name(agent: str) -> str:
 
 
 def _split_preset(agent: str) -> tuple[str, str]:
-    """Return whom "agent@preset" means and by which preset; the second is empty where none is named."""
+    """Return the agent and the preset in "agent@preset"; the preset is empty if none is named."""
     source, at, preset = agent.partition("@")
     if at and not preset:
-        raise ValueError(f"agents holds {agent!r}; after the @ comes the name of a preset.")
+        raise ValueError(f"agents holds {agent!r}; it must have the name of a preset after the @.")
     return source, preset
 
 
-def _with_preset(factory: AgentFactory, source: str, preset: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the overrides, and with them the preset that an agent's name asks for."""
-    if not preset:
-        return dict(overrides)
-    if not hasattr(factory, "hyperparameters"):
-        raise ValueError(f"Agent {source!r} has no presets, so none that is called {preset!r}.")
-    if "preset" in overrides:
-        raise ValueError(f"preset is given twice: as @{preset} behind an agent and as preset={overrides['preset']!r}.")
-    return {**overrides, "preset": preset}
-
-
-def _spec(
-    suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], device: str, torch_threads: int
-) -> RunSpec:
+def _spec(suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], **machine: Any) -> RunSpec:
     source, preset = _split_preset(agent)
     factory = load_factory(source)
-    own = _with_preset(factory, source, preset, overrides)
-    if not has_hyperparameter(factory, task.domain, "num_envs"):
-        num_envs = own.pop("num_envs", NUM_ENVS)
-        hyperparameters = resolve_hyperparameters(factory, task.domain, own)
-    else:
-        hyperparameters = resolve_hyperparameters(factory, task.domain, own)
-        num_envs = hyperparameters["num_envs"]
+    hyperparameters, num_envs = resolve_hyperparameters(factory, task.domain, overrides, preset)
     return RunSpec.of(
         suite,
         task,
@@ -121,6 +101,5 @@ def _spec(
         privileged=getattr(factory, "privileged", False),
         seed=seed,
         num_envs=num_envs,
-        device=device,
-        torch_threads=torch_threads,
+        **machine,
     )

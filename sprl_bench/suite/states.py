@@ -1,4 +1,4 @@
-"""How far runs are, as their folders tell: the same for all, whoever works on them and wherever."""
+"""The progress of runs, read from their folders alone."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ TAIL_BYTES: Final = 1 << 15
 
 @dataclass(frozen=True)
 class RunState:
-    """How far a run is, as its folder tells.
+    """The progress of a run.
 
     Attributes:
         spec: Which run.
-        status: "interrupted" has begun, and nothing works on it; "waiting" has not begun.
+        status: "interrupted" if it has begun and no process works on it; "waiting" if it has not begun.
         env_steps: Taken so far.
-        steps_per_second: Lately; 0 where nothing works on it.
-        seconds_left: At that speed; None where it cannot be told.
+        steps_per_second: Over the last lines of its metrics; 0 if no process works on it.
+        seconds_left: At that speed; None if unknown.
     """
 
     spec: RunSpec
@@ -48,7 +48,7 @@ def survey(out: Path) -> list[RunState]:
 
 
 def state_of(spec: RunSpec, out: Path) -> RunState:
-    """Return how far a run is."""
+    """Return the progress of a run."""
     folder = spec.path(out)
     if (folder / RECORD).exists():
         record = read(folder / RECORD, RunRecord)
@@ -71,11 +71,11 @@ def _state(folder: Path) -> RunState:
     place = spec.path(Path())
     if folder.parts[-len(place.parts) :] != place.parts:
         raise InvalidFileError(f"{folder} holds the run that belongs in {place}; move it there, or remove it.")
-    return state_of(spec, folder.parents[3])
+    return state_of(spec, folder.parents[len(place.parts) - 1])
 
 
 def _progress(path: Path) -> tuple[int, float]:
-    """Return the env steps taken, and the steps per second lately, from the end of a file of metrics."""
+    """Return the env steps taken and the recent steps per second, from the end of a file of metrics."""
     lines = _last_lines(path)
     if not lines:
         return 0, 0.0
@@ -85,7 +85,7 @@ def _progress(path: Path) -> tuple[int, float]:
 
 
 def _last_lines(path: Path) -> list[dict[str, Any]]:
-    """Return the whole lines within the last kilobytes; the very last one may still be in the writing."""
+    """Return the whole lines of the last kilobytes; the very last one may not be written to its end."""
     try:
         with path.open("rb") as file:
             start = max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES)

@@ -1,57 +1,25 @@
-"""From results to what people read: which may stand side by side, means with their intervals, five formats."""
+"""From results to tables: which results are comparable, means with their intervals, five formats."""
 
 from __future__ import annotations
 
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
-from sprl_bench.tables.render import FORMATS, PRIVILEGED, interval_text, render
-from sprl_bench.tables.seed_results import (
-    Hole,
-    MissingRunsError,
-    Result,
-    describe_holes,
-    find_holes,
-    split_suites,
-    task_names,
-)
-from sprl_bench.tables.table import (
-    BOOTSTRAP_SEED,
-    Cell,
-    Estimate,
-    Row,
-    Table,
-    estimate,
-    matrix,
-    tabulate,
-    tabulate_results,
-)
-from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
+from sprl_bench.tables.render import FORMATS, render
+from sprl_bench.tables.seed_results import MissingRunsError, Result, describe_holes, find_holes, task_names
+from sprl_bench.tables.table import BOOTSTRAP_SEED, Table, matrix, tabulate, tabulate_results
 
 __all__ = [
     "BOOTSTRAP_SEED",
     "FORMATS",
-    "GRID_FORMATS",
-    "PRIVILEGED",
     "SCORED_PACKAGES",
-    "Cell",
-    "Estimate",
-    "Grid",
-    "Hole",
     "IncomparableError",
     "MissingRunsError",
     "Result",
-    "Row",
     "Table",
-    "as_json",
     "check_comparable",
     "describe_holes",
-    "draw",
-    "estimate",
     "find_holes",
-    "interval_text",
     "matrix",
-    "number",
     "render",
-    "split_suites",
     "tabulate",
     "tabulate_results",
     "task_names",

@@ -1,7 +1,7 @@
-"""What may stand side by side.
+"""Which results are comparable.
 
-Results are compared only where the environment, the budget and the suite's version agree, and one agent's only where
-its hyperparameters do; what else differs is said aloud.
+Environment, budget and the suite's version must be the same, and for one agent its hyperparameters; notes in the table
+name all other differences.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ SCORED_PACKAGES = (
     "sprl-bench",
     "torch",
 )
-"""What our environments and agents compute with: another version of these may move a score."""
+"""Our environments and agents compute with these: another version may move a score."""
 NEVER_MIXED = ("gymnasium-robotics", "mujoco")
-"""Simulators that change numerically from release to release, and what tells them which bodies there are."""
+"""Simulators that change numerically from release to release."""
 SURROUNDINGS = ("python", "platform")
-"""What our code runs in; another one moves no score but by rounding."""
+"""Another one of these moves scores by rounding at most."""
 MANY_ABANDONED = 0.01
-"""The share of episodes reset before their end from which on tables say so."""
+"""Tables note a larger share of episodes that were reset before their end."""
 DIRTY = "-dirty"
-"""Stands behind the commit of a checkout in which files differ."""
+"""Ends the commit of a checkout with changed files."""
 
 
 class IncomparableError(ValueError):
-    """Results that must not stand side by side; the message says which and why."""
+    """Results that are not comparable; the message says which and why."""
 
 
 def check_comparable(results: Sequence[Result]) -> list[str]:
     """Check that these results of one suite may share a table.
 
     Returns:
-        Sentences on what differs and does not forbid it: versions, builds, an agent's own code, devices, threads,
-        numbers of sub-environments, many abandoned episodes, and budgets other than the suite's own.
+        Sentences on differences that are allowed: versions, builds, an agent's own code, devices, threads, numbers of
+        sub-environments, many abandoned episodes, and budgets other than the suite's own.
 
     Raises:
         IncomparableError: They differ in the suite's version, in a task's environment, arguments, budget or
-            fingerprint; or one agent is privileged in some runs only, or its seeds differ in hyperparameters or number
-            of sub-environments; or one run is there twice.
+            fingerprint; or one agent's runs differ in `privileged`, hyperparameters or number of sub-environments; or
+            a run is given twice.
     """
     suite = results[0].suite
     _refuse_mixed(f"suite {suite!r}: version", results, lambda result: str(result.suite_version))
@@ -90,7 +90,7 @@ def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tu
 
 
 def _by_value(results: Sequence[Result], value: Callable[[Result], str]) -> str:
-    """Return "VALUE (agents), VALUE (agents)" where `value` is not the same for all, else an empty string."""
+    """Return "VALUE (agents), VALUE (agents)" if `value` is not the same for all, else an empty string."""
     groups = _grouped(results, value)
     if len(groups) < 2:
         return ""
@@ -117,7 +117,7 @@ def _refuse_twice(where: str, runs: Sequence[Result]) -> None:
     seeds = [run.seed for run in runs]
     for seed in seeds:
         if seeds.count(seed) > 1:
-            raise IncomparableError(f"{where}, agent {runs[0].agent}: seed {seed} is there {seeds.count(seed)} times.")
+            raise IncomparableError(f"{where}, agent {runs[0].agent}: seed {seed} is given {seeds.count(seed)} times.")
 
 
 def _environment(task: TaskSpec) -> str:
@@ -126,7 +126,7 @@ def _environment(task: TaskSpec) -> str:
 
 
 def version_differences(results: Sequence[Result], packages: Iterable[str] = SCORED_PACKAGES) -> dict[str, str]:
-    """Return, by package, which versions met which agents, where they are not the same for all that loaded it."""
+    """Return, by package, which agents loaded which version, if they are not all the same."""
     found = {}
     for package in packages:
         loaded = [result for result in results if package in result.versions]
@@ -140,23 +140,23 @@ def _version_of(package: str) -> Callable[[Result], str]:
 
 
 def _build_notes(results: Sequence[Result]) -> list[str]:
-    """Say where runs were made by several builds of this package, or by one that no commit names."""
+    """Note runs made by several builds of this package, or by a changed checkout."""
     if mixed := _by_value(results, _build):
         return [f"Different builds of sprl-bench: {mixed}."]
     return [f"Made with a changed checkout of sprl-bench: {_build(results[0])}."] if DIRTY in _build(results[0]) else []
 
 
 def _build(result: Result) -> str:
-    """Return the commits in short, as in "0123456789-dirty"."""
-    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.builds)) or "no checkout"
+    """Return the commits in short form, as in "0123456789-dirty"."""
+    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.git_commits)) or "no checkout"
 
 
 def _code_notes(results: Sequence[Result]) -> list[str]:
-    """Say which agents' own files were not the same for all of their runs."""
+    """Note the agents whose own code changed between their runs."""
     return [
         f"The code of {agent} changed between its runs: {', '.join(codes)}."
         for agent, runs in _grouped(results, lambda result: result.agent)
-        if len(codes := sorted({code for run in runs for code in run.codes})) > 1
+        if len(codes := sorted({code for run in runs for code in run.agent_codes})) > 1
     ]
 
 
@@ -169,7 +169,7 @@ def _device_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _width_notes(results: Sequence[Result]) -> list[str]:
-    """Say where agents had different numbers of sub-environments on a task, or too many: quick successes count more."""
+    """Note different numbers of sub-environments on a task, or too many: quick successes count more."""
     mixed = (
         _by_value(of_task, lambda result: str(result.num_envs))
         for _, of_task in _grouped(results, lambda result: result.task.name)
@@ -182,7 +182,7 @@ def _width_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _abandoned_notes(results: Sequence[Result]) -> list[str]:
-    """Say where agents reset many episodes before their end."""
+    """Note the agents that reset many episodes before their end."""
     return [
         f"{agent} reset up to {most:.0%} of a run's episodes before their end on {task}; they count as failures."
         for task, of_task in _grouped(results, lambda result: result.task.name)
@@ -192,18 +192,16 @@ def _abandoned_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _suite_notes(results: Sequence[Result]) -> list[str]:
-    """Say where the runs were not what the suite asks for."""
+    """Note runs that are not of a published suite, of its current version, or of its budget."""
     suite = SUITES.get(results[0].suite)
     if suite is None:
         return ["These runs are of no published suite; not comparable with published scores."]
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}
-    notes = []
-    for name, runs in _grouped(results, lambda result: result.task.name):
-        if name in official and runs[0].task.budget != official[name].budget:
-            notes.append(
-                f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
-                f"{official[name].budget:,}; not comparable with published scores."
-            )
-    return notes
+    return [
+        f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
+        f"{official[name].budget:,}; not comparable with published scores."
+        for name, runs in _grouped(results, lambda result: result.task.name)
+        if name in official and runs[0].task.budget != official[name].budget
+    ]

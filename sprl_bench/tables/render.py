@@ -1,6 +1,6 @@
-"""A table written down in five formats: for a terminal, a page, a spreadsheet, a paper and a program.
+"""A table in five formats: for a terminal, a page, a spreadsheet, a paper and a program.
 
-All of them say the same: which agents are privileged, how many seeds there are, and what is missing.
+Each shows which agents are privileged, how many seeds there are, and which runs are missing.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import io
 from collections.abc import Iterator, Sequence
 
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables.table import Cell, Estimate, Row, Table
+from sprl_bench.tables.table import MEASURES, Cell, Estimate, Row, Table
 from sprl_bench.tables.text_table import DIGITS, GRID_FORMATS, Grid, as_json, draw, number
 
 FORMATS = (*GRID_FORMATS, "csv", "json")
@@ -18,7 +18,6 @@ FORMATS = (*GRID_FORMATS, "csv", "json")
 PRIVILEGED = "† privileged: sees what an ordinary agent does not."
 PARTIAL = "‡ runs are missing; its overall figures are over the seeds that it has on every task."
 SCORES = "Intervals: 95 %, stratified bootstrap over seeds. Final and success: over the last tenth of the budget."
-MEASURES = ("auc", "final", "success_auc", "success_final")
 CSV_COLUMNS = ("suite", "suite_version", "agent", "privileged", "task", "measure", "value", "low", "high", "seeds")
 DASH = "-"
 
@@ -29,7 +28,7 @@ def render(tables: Sequence[Table], form: str = "md", *, width: int | None = Non
     Args:
         tables: One a suite.
         form: One of `FORMATS`.
-        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+        width: Columns of the terminal for "rich"; None for plain text of any width.
 
     Raises:
         ValueError: There is no such format.
@@ -53,15 +52,9 @@ def _grid(table: Table) -> Grid:
 
 
 def _texts(row: Row) -> list[str]:
-    return [
-        row.agent + " †" * row.privileged + " ‡" * (not row.complete),
-        str(len(row.seeds)),
-        *(_cell(cell) for cell in row.cells),
-        _with_interval(row.auc),
-        _with_interval(row.auc_iqm),
-        _with_interval(row.final),
-        _with_interval(row.success_final),
-    ]
+    name = row.agent + " †" * row.privileged + " ‡" * (not row.complete)
+    overall = map(_with_interval, (row.auc, row.auc_iqm, row.final, row.success_final))
+    return [name, str(len(row.seeds)), *map(_cell, row.cells), *overall]
 
 
 def _cell(cell: Cell) -> str:
@@ -74,7 +67,7 @@ def _with_interval(value: Estimate | None) -> str:
 
 
 def interval_text(interval: tuple[float, float] | None) -> str:
-    """Return "[low, high]", or a dash where a single seed gives none."""
+    """Return "[low, high]", or a dash for a single seed."""
     return DASH if interval is None else f"[{number(interval[0])}, {number(interval[1])}]"
 
 
@@ -88,7 +81,7 @@ def _footnotes(table: Table) -> list[str]:
 
 
 def _csv(tables: Sequence[Table]) -> str:
-    """Write one line a number; the task "all" is the whole suite."""
+    """Return one line a number; the task "all" is the whole suite."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*CSV_COLUMNS, "missing"])

@@ -1,6 +1,6 @@
-"""What a table, a plot and a leaderboard are made of.
+"""Results, of which tables, plots and leaderboards are made.
 
-A result is one seed's scores on one task, wherever it was written down: a run's record or a leaderboard entry.
+A result is one seed's scores on one task, from a run's record or from a leaderboard entry.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from dataclasses import dataclass
 
 from pydantic import JsonValue
 
-from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec
+from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec, gather
+from sprl_bench.records.folder import run_path
 from sprl_bench.tasks import CUSTOM, SUITES
 
 SHOWN_HOLES = 8
 
 
 class MissingRunsError(ValueError):
-    """Runs without which a mean would be one over something else; the message names them."""
+    """A mean needs runs that are missing; the message names them."""
 
 
 @dataclass(frozen=True)
@@ -35,42 +36,23 @@ class Result:
     hyperparameters: Mapping[str, JsonValue]
     fingerprint: str
     versions: Mapping[str, str]
-    builds: tuple[str, ...]  # commits of this package's checkout; none for an installed wheel
-    codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
+    git_commits: tuple[str, ...]  # of this package's checkout; none for an installed wheel
+    agent_codes: tuple[str, ...]  # hashes of the agent's own file, or of the script
     device: str
     torch_threads: int
-    abandoned_share: float  # of the episodes, those that were reset before their end
+    abandoned_share: float  # of the episodes: reset before their end
     return_curve: tuple[float, ...]
     scores: Scores
 
     @classmethod
     def of(cls, record: RunRecord) -> Result:
         """Return the part of a run's record that tables need."""
-        spec = record.spec
-        return cls(
-            suite=spec.suite,
-            suite_version=spec.suite_version,
-            task=spec.task,
-            agent=spec.agent,
-            privileged=spec.privileged,
-            seed=spec.seed,
-            num_envs=spec.num_envs,
-            hyperparameters=spec.hyperparameters,
-            fingerprint=record.fingerprint,
-            versions=record.versions,
-            builds=(record.git_commit,) if record.git_commit else (),
-            codes=(record.agent_code,) if record.agent_code else (),
-            device=spec.device,
-            torch_threads=spec.torch_threads,
-            abandoned_share=record.totals.abandoned_share,
-            return_curve=record.return_curve,
-            scores=record.scores,
-        )
+        return gather(cls, record, record.spec, record.totals)
 
 
 @dataclass(frozen=True, order=True)
 class Hole:
-    """A run that a mean would need and that is not there."""
+    """A run that a mean needs and that is missing."""
 
     agent: str
     task: str
@@ -78,11 +60,11 @@ class Hole:
 
     def __str__(self) -> str:
         """Return the run's path below its suite."""
-        return f"{self.task}/{self.agent}/seed-{self.seed}"
+        return str(run_path("", self.task, self.agent, self.seed))
 
 
 def split_suites(results: Iterable[Result]) -> list[list[Result]]:
-    """Return the results of each suite, and those of each task that belongs to none, in the order of their names."""
+    """Return the results of each suite, and of each task that belongs to none, by name."""
     groups: dict[str, list[Result]] = defaultdict(list)
     for result in results:
         groups[table_of(result.suite, result.task.name)].append(result)
@@ -90,12 +72,12 @@ def split_suites(results: Iterable[Result]) -> list[list[Result]]:
 
 
 def table_of(suite: str, task: str) -> str:
-    """Return the name of the table that a run belongs to: its suite's, or its task's own where it is of none."""
+    """Return the name of a run's table: the suite, or the task's own for one of no suite."""
     return f"{suite}/{task}" if suite == CUSTOM.name else suite
 
 
 def task_names(results: Sequence[Result]) -> tuple[str, ...]:
-    """Return the tasks that these results of one suite should have, run or not, in the suite's order."""
+    """Return the tasks of one suite, and any others among its results, in the suite's order."""
     suite = SUITES.get(results[0].suite)
     known = [task.name for task in suite.tasks] if suite and suite.version == results[0].suite_version else []
     return tuple(dict.fromkeys([*known, *sorted(result.task.name for result in results)]))
@@ -104,11 +86,11 @@ def task_names(results: Sequence[Result]) -> tuple[str, ...]:
 def find_holes(results: Sequence[Result], planned: Iterable[RunSpec], tasks: Sequence[str]) -> list[Hole]:
     """Return the runs that are missing from agents x tasks x seeds.
 
-    An agent's seeds are those that it has on any of the tasks, or that were planned for it.
+    An agent's seeds are those that it has on any of the tasks or that are planned.
 
     Args:
         results: Of one suite.
-        planned: Runs that were asked for, finished or not.
+        planned: Specs of all runs that there should be, finished or not.
         tasks: The columns.
     """
     suite = results[0].suite

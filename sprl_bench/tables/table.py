@@ -1,12 +1,13 @@
 """A table as a value: one row an agent, one cell a task, every mean with its interval and its number of seeds.
 
-Intervals come from a generator with a documented seed, one for each number: the same runs give the same table to the
-byte, and another agent's row changes nothing in it.
+Each interval has its own generator with a fixed seed: the same runs give the same table byte for byte, and one agent's
+row does not depend on another's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +26,14 @@ from sprl_bench.tables.seed_results import (
     task_names,
 )
 
+MEASURES = ("auc", "final", "success_auc", "success_final")
 BOOTSTRAP_SEED = 20210706
-"""Seeds the generator of every interval that we show."""
-REMEDY = "Allow missing runs (--allow-missing) to see what there is."
+"""Seeds the generator of every interval."""
+REMEDY = "Allow missing runs (--allow-missing) to see the others."
 
 
 class Estimate(Data):
-    """A number with its 95 % stratified-bootstrap interval; none with a single seed."""
+    """A number with its 95 % stratified-bootstrap interval, which is None for a single seed."""
 
     value: float
     interval: scores.Interval | None
@@ -39,7 +41,7 @@ class Estimate(Data):
 
 
 class Cell(Data):
-    """One agent on one task, over the seeds that are there."""
+    """One agent on one task, over its finished seeds."""
 
     task: str
     seeds: tuple[int, ...]
@@ -52,7 +54,7 @@ class Cell(Data):
 
 
 class Row(Data):
-    """One agent; its overall figures are over the seeds that it has on every task."""
+    """One agent; its overall numbers are over the seeds that it has on every task."""
 
     agent: str
     privileged: bool
@@ -94,8 +96,8 @@ def tabulate(
         records: Finished runs; incomplete ones count as missing.
         tasks: The tasks to show, or None for all tasks of each suite.
         agents: The agents to show, or None for all.
-        planned: Runs that were asked for: those without a record count as missing.
-        allow_missing: Show what is there, and mark it, where runs are missing.
+        planned: Specs of all runs that there should be: those without a record count as missing.
+        allow_missing: Show and mark the finished runs where others are missing.
 
     Raises:
         MissingRunsError: Runs are missing and `allow_missing` is false.
@@ -129,20 +131,19 @@ def tabulate(
 def _of_agents(
     records: list[RunRecord], planned: list[RunSpec], agents: Sequence[str] | None
 ) -> tuple[list[RunRecord], list[RunSpec]]:
-    """Return the records and the plans of these agents, or of all where they are None."""
+    """Return the records and the plans of these agents; None stands for all."""
     if agents is None:
         return records, planned
     names = {spec.agent for spec in (*planned, *(record.spec for record in records))}
     for agent in agents:
         if agent not in names:
             raise ValueError(unknown("agent among these runs:", agent, names))
-    return [record for record in records if record.spec.agent in agents], [
-        spec for spec in planned if spec.agent in agents
-    ]
+    own = [record for record in records if record.spec.agent in agents]
+    return own, [spec for spec in planned if spec.agent in agents]
 
 
 def _lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
-    """Say which tables are left out as a whole because none of their runs is finished; nothing where none is."""
+    """Say which tables are left out because none of their runs is finished; empty if there are none."""
     there = {table_of(result.suite, result.task.name) for result in results}
     lost = [spec for spec in wanted if table_of(spec.suite, spec.task.name) not in there]
     if not lost:
@@ -193,17 +194,8 @@ def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequenc
         for task, of_task in by_task.items()
     ]
     complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in by_task.items()}
-    return Row(
-        agent=agent,
-        privileged=privileged,
-        seeds=seeds,
-        cells=tuple(cells),
-        auc=estimate(complete, "auc"),
-        auc_iqm=estimate(complete, "auc", scores.iqm),
-        final=estimate(complete, "final"),
-        success_auc=estimate(complete, "success_auc"),
-        success_final=estimate(complete, "success_final"),
-    )
+    iqm = estimate(complete, "auc", scores.iqm)
+    return Row(agent=agent, privileged=privileged, seeds=seeds, cells=tuple(cells), auc_iqm=iqm, **_estimates(complete))
 
 
 def _cell(task: str, by_seed: Mapping[int, Scores], missing: tuple[int, ...]) -> Cell:
@@ -212,24 +204,25 @@ def _cell(task: str, by_seed: Mapping[int, Scores], missing: tuple[int, ...]) ->
         task=task,
         seeds=tuple(column[task]),
         missing=missing,
-        auc=estimate(column, "auc"),
-        final=estimate(column, "final"),
-        success_auc=estimate(column, "success_auc"),
-        success_final=estimate(column, "success_final"),
         steps_to_threshold=tuple(score.steps_to_threshold for score in column[task].values()),
+        **_estimates(column),
     )
 
 
 def matrix(by_task: Mapping[str, Mapping[int, Scores]], name: str) -> scores.Array:
-    """Return one score of every run: [S, T], seeds in ascending order, tasks in the given one."""
+    """Return one score of every run: [S, T], seeds ascending, tasks in the given order."""
     columns = [[getattr(of_task[seed], name) for seed in sorted(of_task)] for of_task in by_task.values()]
     return np.asarray(columns, dtype=np.float64).T
+
+
+def _estimates(by_task: Mapping[str, Mapping[int, Scores]]) -> dict[str, Any]:
+    return {name: estimate(by_task, name) for name in MEASURES}
 
 
 def estimate(
     by_task: Mapping[str, Mapping[int, Scores]], name: str, statistic: scores.Statistic = scores.mean
 ) -> Estimate | None:
-    """Return a statistic of one score with its interval, or None where there is no seed.
+    """Return a statistic of one score with its interval, or None without a seed.
 
     Args:
         by_task: Scores by task and seed, the same seeds for every task.

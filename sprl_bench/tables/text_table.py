@@ -1,4 +1,4 @@
-"""Text in rows and columns with a title and footnotes, for a terminal, a page and a paper; and data as JSON."""
+"""Text in rows and columns with a title and footnotes, for a terminal, a page and a paper; and JSON."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from rich.text import Text
 
 from sprl_bench.records import Data
 
-DIGITS = 6
-"""Decimals in the formats for machines: enough for any use, and the same on every machine."""
+DIGITS = 6  # decimals in CSV and JSON: few enough to be the same on every machine
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What is to be drawn; the first column is text, the others are numbers, and a cell may have several lines."""
+    """A table as text: the first column is names, the others are numbers, and a cell may have several lines."""
 
     title: str
     header: Sequence[str]
@@ -35,13 +34,13 @@ def draw(grids: Sequence[Grid], form: str, *, width: int | None = None) -> str:
     Args:
         grids: One below the other.
         form: One of `GRID_FORMATS`.
-        width: Columns of the terminal for "rich"; None for plain text as wide as it needs.
+        width: Columns of the terminal for "rich"; None for plain text of any width.
     """
-    return _rich(grids, width) if form == "rich" else WRITERS[form](grids)
+    return _rich(grids, width) if form == "rich" else "\n".join(map(WRITERS[form], grids))
 
 
 def number(value: float, sign: str = "") -> str:
-    """Return a score with three decimals, never as a negative nought; `sign` "+" shows the sign of a difference."""
+    """Return a score with three decimals and no negative zero; `sign` "+" shows the sign of a difference."""
     return f"{round(value, 3) + 0.0:{sign}.3f}"
 
 
@@ -92,11 +91,7 @@ def _flat(text: str) -> str:
     return " ".join(text.split("\n"))
 
 
-def _markdown(grids: Sequence[Grid]) -> str:
-    return "\n".join(_markdown_grid(grid) for grid in grids)
-
-
-def _markdown_grid(grid: Grid) -> str:
+def _markdown(grid: Grid) -> str:
     lines = [grid.header, ["---", *["---:"] * (len(grid.header) - 1)], *grid.rows]
     table = "\n".join("| " + " | ".join(_markdown_escape(_flat(text)) for text in line) + " |" for line in lines)
     notes = "\n".join(f"- {_markdown_escape(line)}" for line in grid.footnotes)
@@ -108,11 +103,7 @@ def _markdown_escape(text: str) -> str:
     return escaped.replace("](", "]\\(")
 
 
-def _latex(grids: Sequence[Grid]) -> str:
-    return "\n".join(_latex_grid(grid) for grid in grids)
-
-
-def _latex_grid(grid: Grid) -> str:
+def _latex(grid: Grid) -> str:
     body = [" & ".join(_latex_escape(_flat(text)) for text in row) + r" \\" for row in grid.rows]
     columns = len(grid.header)
     notes = [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {_latex_escape(line)}}} \\" for line in grid.footnotes]
@@ -146,5 +137,5 @@ def _latex_escape(text: str) -> str:
     return "".join(LATEX.get(letter, letter) for letter in text)
 
 
-WRITERS: Mapping[str, Callable[[Sequence[Grid]], str]] = MappingProxyType({"latex": _latex, "md": _markdown})
+WRITERS: Mapping[str, Callable[[Grid], str]] = MappingProxyType({"latex": _latex, "md": _markdown})
 GRID_FORMATS = ("rich", *WRITERS)

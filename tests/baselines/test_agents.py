@@ -22,8 +22,9 @@ from sprl_baselines.bonus import NoBonus, NoBonusConfig
 from sprl_baselines.learning.moments import RewardNormalizer
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.ppo import PPO
-from sprl_baselines.random_policy import random, uniform_actions
+from sprl_baselines.random_policy import random
 from sprl_bench import checkpoint
+from sprl_bench.actions import uniform_actions
 from sprl_bench.agents import Resumable, load_factory, resolve_hyperparameters
 
 GRID = "SPRL/FourRooms-7x7-v1"
@@ -178,12 +179,6 @@ def test_there_is_no_state_before_training() -> None:
     for ask in (ppo(seed=0).state_dict, ppo(seed=0).weights, lambda: ppo(seed=0).policy(*spaces_, seed=0)):
         with pytest.raises(RuntimeError, match="before train"):
             ask()
-
-
-def test_a_preset_that_is_no_text_is_refused() -> None:
-    for wrong in (3, [1], None):
-        with pytest.raises(ValueError, match=r"preset is .*; it must be text"):
-            ppo.hyperparameters("grid", {"preset": wrong})
 
 
 def test_envs_of_another_number_are_refused() -> None:
@@ -375,10 +370,10 @@ def test_the_installed_name_leads_to_the_factory(name: str) -> None:
 @every_agent
 def test_resolved_hyperparameters_are_whole_plain_and_stable(name: str) -> None:
     factory = FACTORIES[name]
-    resolved = resolve_hyperparameters(factory, "grid", {"num_envs": 6})
-    assert resolved["num_envs"] == 6
+    resolved, num_envs = resolve_hyperparameters(factory, "grid", {"num_envs": 6})
+    assert resolved["num_envs"] == num_envs == 6
     assert json.loads(json.dumps(resolved)) == resolved
-    assert resolve_hyperparameters(factory, "grid", resolved) == resolved
+    assert resolve_hyperparameters(factory, "grid", resolved) == (resolved, 6)
     factory(seed=0, **resolved)
 
 
@@ -405,13 +400,13 @@ def test_unknown_domains_and_presets_are_refused() -> None:
     with pytest.raises(ValueError, match=r"Unknown domain 'gird'; did you mean 'grid'\?"):
         ppo.hyperparameters("gird", {})
     with pytest.raises(ValueError, match=r"Unknown preset of domain 'grid': 'tabel'; did you mean 'table'\?"):
-        ppo.hyperparameters("grid", {"preset": "tabel"})
+        ppo.hyperparameters("grid", {}, "tabel")
 
 
 def test_resolving_leaves_the_overrides_alone() -> None:
-    overrides = {"preset": "table", "epochs": 1}
+    overrides = {"epochs": 1}
     ppo.hyperparameters("grid", overrides)
-    assert overrides == {"preset": "table", "epochs": 1}
+    assert overrides == {"epochs": 1}
 
 
 def test_making_an_agent_computes_nothing_yet() -> None:

@@ -56,12 +56,12 @@ ROWS = [
 def test_the_default_preset_is_the_papers_table(domain: str, agent: str, values: dict[str, float]) -> None:
     resolved = AGENTS[agent].hyperparameters(domain, {})
     assert {name: resolved[SHORT.get(name, name)] for name in values} == values
-    assert AGENTS[agent].hyperparameters(domain, {"preset": "table"}) == resolved
+    assert AGENTS[agent].hyperparameters(domain, {}, "table") == resolved
 
 
 @pytest.mark.parametrize("agent", ["sprl", "gt-sprl"])
 def test_the_ablation_preset_is_one_long_stretch(agent: str) -> None:
-    resolved = AGENTS[agent].hyperparameters("grid", {"preset": "ablation"})
+    resolved = AGENTS[agent].hyperparameters("grid", {}, "ablation")
     assert (resolved["k"], resolved["tolerance"], resolved["tolerance_samples"]) == (5, 25, 1)
     assert resolved["cost_scale"] == 0.002
 
@@ -70,7 +70,7 @@ def test_the_tuned_preset_is_among_what_was_swept() -> None:
     from sweep_agents_grid import SETTINGS
 
     for agent, settings in SETTINGS.items():
-        resolved = AGENTS[agent].hyperparameters("grid", {"preset": "tuned"})
+        resolved = AGENTS[agent].hyperparameters("grid", {}, "tuned")
         table = AGENTS[agent].hyperparameters("grid", {})
         chosen = [setting for setting in settings if resolved == {**table, **setting}]
         assert len(chosen) == 1, f"{agent}: {chosen}"
@@ -132,7 +132,7 @@ def test_an_agent_without_such_a_preset_is_told_who_has_one(agent: str, domain: 
     with pytest.raises(
         ValueError, match=rf"agent is '{agent}'; it must be one with the preset '{preset}' of domain '{domain}': .*sprl"
     ):
-        AGENTS[agent].hyperparameters(domain, {"preset": preset})
+        AGENTS[agent].hyperparameters(domain, {}, preset)
 
 
 def test_the_page_of_all_hyperparameters_is_as_written() -> None:

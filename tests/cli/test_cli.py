@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cli_calls import Capture, call, refused
-from sprl_bench import records
+from sprl_bench import records, shipped
 from sprl_bench.agents import agent_names
 from sprl_bench.envs import IDS
 from sprl_bench.records import RunRecord
@@ -75,7 +75,7 @@ def test_a_missing_command_is_answered_with_the_help(words: list[str], capsys: C
         (["run", "--suite", "smoke", "--agents", "random", "--executor", "locl"], "did you mean 'local'?"),
         (["run", "--suite", "smoke", "--agents", "random", "--set", "num_env=3"], "did you mean 'num_envs'?"),
         (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs"], "must be KEY=VALUE"),
-        (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs=NaN"], "'NaN' is not finite"),
+        (["run", "--suite", "smoke", "--agents", "random", "--set", "num_envs=NaN"], "'NaN'; it must be finite"),
         (["table", ".", "--format", "html"], "Unknown format 'html'"),
         (["leaderboard", "show", "grd"], "Unknown leaderboard 'grd'"),
         (["leaderboard", "show", "--format", "html"], "Unknown format 'html'"),
@@ -295,10 +295,7 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
 def test_an_entry_is_never_written_into_an_installed_package(
     capsys: Capture, runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sprl_bench.leaderboard import store
-
-    installed = tmp_path / "site" / "sprl_bench" / "leaderboard" / "store.py"
-    monkeypatch.setattr(store, "__file__", str(installed))
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "site" / "sprl_bench" / "shipped.py"))
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
     add = ["leaderboard", "add", runs, "--agent", "ppo", *SCORE]

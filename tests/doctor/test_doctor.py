@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
+from sprl_bench import shipped
 from sprl_bench.cli import main
-from sprl_bench.doctor import examine, findings, pinned_versions, probes
+from sprl_bench.doctor import examine, pinned_versions, probes
 
 Capture = pytest.CaptureFixture[str]
 SOUND: dict[str, dict[str, Any]] = {
@@ -51,12 +52,12 @@ def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: p
 
 
 def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(findings, "__file__", str(tmp_path / "sprl_bench" / "doctor" / "findings.py"))
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "sprl_bench" / "shipped.py"))
     assert pinned_versions() == {}
     status, out = call(capsys)
     assert status == 0
     assert "? numpy" in out
-    assert "Cannot tell for want of a pinned version (constraints.txt): gymnasium, " in out
+    assert "No pinned version to compare with (constraints.txt): gymnasium, " in out
     assert "compare with published ones" not in out
     (tmp_path / "sprl_bench").mkdir()
     (tmp_path / "sprl_bench" / "_constraints.txt").write_text("numpy==0.1\n")

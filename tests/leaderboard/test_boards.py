@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from entries import make_entry
-from sprl_bench import leaderboard
+from sprl_bench import leaderboard, shipped
 from sprl_bench.leaderboard import Entry
 from sprl_bench.records import RunRecord
 from sprl_bench.tables import FORMATS, IncomparableError, render
@@ -93,7 +93,7 @@ def test_a_board_is_found_by_its_name_its_folder_or_one_entry(home: Path, monkey
 def test_boards_that_are_not_there_are_refused(home: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="did you mean 'grid-7x7'"):
         leaderboard.boards(home, "grid-7")
-    with pytest.raises(ValueError, match="has no entry of a suite as it stands"):
+    with pytest.raises(ValueError, match="has no entry for a current suite"):
         leaderboard.boards(tmp_path / "nowhere")
     with pytest.raises(FileNotFoundError, match="not a folder of leaderboard entries"):
         leaderboard.find_entries(tmp_path / "nowhere")
@@ -124,7 +124,5 @@ def test_a_wheel_carries_its_boards_its_pins_and_its_types(tmp_path: Path) -> No
 
 
 def test_an_installed_package_reads_its_own_boards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from sprl_bench.leaderboard import store
-
-    monkeypatch.setattr(store, "__file__", str(tmp_path / "sprl_bench" / "leaderboard" / "store.py"))
+    monkeypatch.setattr(shipped, "__file__", str(tmp_path / "sprl_bench" / "shipped.py"))
     assert leaderboard.home() == tmp_path / "sprl_bench" / "_leaderboards"

@@ -383,6 +383,6 @@ def test_an_entry_of_an_earlier_version_of_its_suite_is_named_and_left_out(
     edit(home / "grid-7x7" / "ppo.json", _set("suite_version", value=0))
     [board] = leaderboard.boards(home)
     assert [row.agent for row in board.rows] == ["random"]
-    assert f"Left out, as of an earlier version of the suite: {home / 'grid-7x7' / 'ppo.json'}." in caplog.text
+    assert f"Left out, for an earlier version of the suite: {home / 'grid-7x7' / 'ppo.json'}." in caplog.text
     [complaint] = leaderboard.validate([home / "grid-7x7" / "ppo.json"])
     assert complaint.endswith("suite_version: it is 0; suite 'grid-7x7' has 1")

@@ -139,7 +139,7 @@ def test_a_range_of_scores_goes_with_a_task_of_no_suite(tmp_path: Path) -> None:
     assert record.spec.task.score_range == (0.0, 500.0)
     assert record.scores.steps_to_threshold is None
     assert sprl_bench.record(make(), out=tmp_path, agent="other", seed=0, score_range=[0, 1])  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match=r"score_range is \(0, 2\), but that of FourRooms-7x7 is \(0\.0, 1\.0\)"):
+    with pytest.raises(ValueError, match=r"score_range is \(0, 2\); it must be that of FourRooms-7x7, \(0\.0, 1\.0\)"):
         sprl_bench.record(make(), out=tmp_path, agent="mine", seed=0, score_range=(0, 2))
 
 
@@ -221,7 +221,7 @@ def test_a_time_limit_above_is_scored_as_failure(tmp_path: Path, caplog: pytest.
     play(gymnasium.wrappers.TimeLimit(env, 10), 1000)
     record = only_record(tmp_path)
     assert 90 < record.totals.abandoned == record.totals.episodes - record.totals.successes
-    assert f"has {record.totals.abandoned} of {record.totals.episodes} episodes that were reset before" in caplog.text
+    assert f"{record.totals.abandoned} of {record.totals.episodes} episodes were reset before" in caplog.text
 
 
 def test_closing_early_leaves_an_incomplete_record(tmp_path: Path) -> None:

@@ -90,7 +90,7 @@ BROKEN = {
     "a misspelt key": ('"auc": 0.5', '"acu": 0.5', "scores.acu: this key is unknown; did you mean 'auc'?"),
     "an unknown key": ('"seed": 0', '"seed": 0,\n"sede": 1', "spec.sede: this key is unknown"),
     "a missing key": ('"wall_time_s": 1.5,', "", "wall_time_s: this key is missing"),
-    "a key that is there twice": ('"seed": 0', '"seed": 0,\n"seed": 0', "spec.seed: this key is there twice"),
+    "a key that is there twice": ('"seed": 0', '"seed": 0,\n"seed": 0', "spec.seed: this key is given twice"),
     "a status of its own": ('"complete"', '"finished"', "status"),
     "a folder outside of the runs": ('"agent": "ppo"', '"agent": "../ppo"', "spec.agent"),
     "a name that colours a terminal": ('"agent": "ppo"', r'"agent": "\u001b[31mppo"', "spec.agent"),

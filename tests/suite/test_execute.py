@@ -24,7 +24,8 @@ from sprl_bench.executors import LocalExecutor, WorkerDiedError, make_executor
 from sprl_bench.progress import LiveProgress, PlainProgress, duration, make_observer
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.folder import LockedError, is_locked, lock
-from sprl_bench.run import InterruptedRunError, SpecChangedError
+from sprl_bench.resume import SpecChangedError
+from sprl_bench.run import InterruptedRunError
 from sprl_bench.suite import Observer, Outcome, expand, run_suite, survey
 from sprl_bench.tasks import find_suite
 

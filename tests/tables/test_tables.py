@@ -349,7 +349,7 @@ def test_an_agent_is_privileged_or_not(make_record: MakeRecord) -> None:
 
 
 def test_a_run_that_is_there_twice_is_refused(make_record: MakeRecord) -> None:
-    with pytest.raises(IncomparableError, match="agent ppo: seed 0 is there 2 times"):
+    with pytest.raises(IncomparableError, match="agent ppo: seed 0 is given 2 times"):
         tabulate([make_record(), make_record(level=0.6)])
 
 
