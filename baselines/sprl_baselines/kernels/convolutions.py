@@ -17,7 +17,7 @@ from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 from sprl_baselines.kernels import convolution_loops
-from sprl_baselines.kernels.convolution_loops import Array, Arrays
+from sprl_baselines.kernels.compiling import Array, Arrays
 
 
 class CReLUConvolutions(nn.Module):
