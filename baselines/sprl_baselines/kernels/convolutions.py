@@ -32,6 +32,7 @@ class CReLUConvolutions(nn.Module):
 
     def __init__(self, inputs: int, outputs: Sequence[int], gain: float, generator: torch.Generator) -> None:
         super().__init__()
+        self.outputs = tuple(outputs)
         channels = [inputs, *(2 * count for count in outputs)]
         shapes = [(after // 2, before, 2, 2) for before, after in pairwise(channels)]
         self.weights = nn.ParameterList(nn.Parameter(torch.empty(shape)) for shape in shapes)
@@ -45,9 +46,17 @@ class CReLUConvolutions(nn.Module):
         Raises:
             ValueError: The images have another number of channels.
         """
+        self.check(images)
+        return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
+
+    def check(self, images: Tensor) -> None:
+        """Refuse images with another number of channels."""
         if images.shape[1] != self.weights[0].shape[1]:
             raise ValueError(f"The images have {images.shape[1]} channels; they need {self.weights[0].shape[1]}.")
-        return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
+
+    def arrays(self) -> tuple[Arrays, Arrays]:
+        """Return the weights, each `[O, C, 4]`, and the biases, each `[O]`, as the compiled functions take them."""
+        return _arrays((*self.weights, *self.biases))
 
     def _can_compile(self, images: Tensor) -> bool:
         fit = all(one.device.type == "cpu" and one.dtype == torch.float32 for one in (images, self.weights[0]))

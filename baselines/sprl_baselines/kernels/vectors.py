@@ -37,10 +37,10 @@ class VectorModel(models.PrimitiveModel):
     """How LLVM holds one."""
 
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, VECTOR)
+        super().__init__(manager, kind, VECTOR)  # type: ignore[no-untyped-call] # Numba has no types
 
 
-vector: Final = VectorType()  # type: ignore[no-untyped-call] # Numba has no types
+vector: Final = VectorType()
 place_type: Final = types.int64
 
 
