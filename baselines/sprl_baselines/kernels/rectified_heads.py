@@ -18,12 +18,15 @@ from sprl_baselines.kernels.vectors import LANES
 def rectified_linear(responses: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Responses `[B, F]`, weights `[U, 2 F]` and biases `[U]` -> `relu([x, -x]) @ weight.T + bias`, `[B, U]`."""
     tensors = responses, weight, bias
-    if responses.shape[1] % LANES or not all(one.device.type == "cpu" and one.dtype == torch.float32 for one in tensors):
+    if responses.shape[1] % LANES or not all(
+        one.device.type == "cpu" and one.dtype == torch.float32 for one in tensors
+    ):
         return functional.linear(torch.cat((responses, -responses), dim=1).relu(), weight, bias)
-    spare = -len(weight) % LANES
-    filled = functional.pad(weight, (0, 0, 0, spare)), functional.pad(bias, (0, spare))
-    units: Tensor = _Compiled.apply(responses, *filled)  # type: ignore[no-untyped-call] # torch has no types there
-    return units[:, : len(weight)]
+    if spare := -len(weight) % LANES:
+        filled = functional.pad(weight, (0, 0, 0, spare)), functional.pad(bias, (0, spare))
+        return rectified_linear(responses, *filled)[:, : len(weight)]
+    units: Tensor = _Compiled.apply(responses, weight, bias)  # type: ignore[no-untyped-call] # torch has no types there
+    return units
 
 
 class _Compiled(torch.autograd.Function):
@@ -42,7 +45,7 @@ class _Compiled(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """From the gradient of the units, those of responses, weights and biases."""
         responses, weight = map(_array, ctx.saved_tensors)
-        back, sums = np.zeros_like(responses), np.zeros_like(weight)
+        back, sums = np.empty_like(responses), np.zeros_like(weight)
         rectified_heads_loops.backward(responses, weight, _array(gradient), back, sums)
         return torch.from_numpy(back), torch.from_numpy(sums), gradient.sum(dim=0)
 

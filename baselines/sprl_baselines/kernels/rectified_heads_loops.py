@@ -6,6 +6,8 @@ row's signs are made in registers, for eight units at a time.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from sprl_baselines.kernels.compiling import Array, kernel
@@ -23,6 +25,8 @@ from sprl_baselines.kernels.vectors import (
     where_positive,
     zeros,
 )
+
+ROWS: Final = 16  # at a time on the way back: their responses stay in the nearest cache
 
 
 @kernel
@@ -44,16 +48,8 @@ def forward(responses: Array, weights: Array, biases: Array, out: Array) -> None
 def _sums(inputs: Array, place: int, weights: Array, first: int, features: int, sums: Array) -> None:
     """Fill `sums` [8, 8] with what has to be added up to eight units of a row: a unit in each lane."""
     step = 2 * features
-    sum0, sum1, sum2, sum3, sum4, sum5, sum6, sum7 = (
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-    )
+    sum0, sum1, sum2, sum3 = zeros(), zeros(), zeros(), zeros()
+    sum4, sum5, sum6, sum7 = zeros(), zeros(), zeros(), zeros()
     for feature in range(0, features, LANES):
         response = load(inputs, place + feature)
         up, down, to = rectified(response), rectified(negated(response)), first + feature
@@ -82,22 +78,80 @@ def _sums(inputs: Array, place: int, weights: Array, first: int, features: int, 
 def backward(
     responses: Array, weights: Array, gradient: Array, response_gradient: Array, weight_gradient: Array
 ) -> None:
-    """Add the gradients of responses and weights, from that of the units."""
+    """Fill the gradient of the responses, and add that of the weights, from that of the units."""
     rows, features = responses.shape
     inputs, matrix, errors = responses.reshape(-1), weights.reshape(-1), gradient.reshape(-1)
     back, sums, units = response_gradient.reshape(-1), weight_gradient.reshape(-1), len(weights)
-    for row in range(rows):
+    for first in range(0, rows, ROWS):
+        last = min(first + ROWS, rows)
         for unit in range(0, units, LANES):
-            place, first, step = row * features, unit * 2 * features, 2 * features
-            error = row * units + unit
             for feature in range(0, features, LANES):
-                response, to = load(inputs, place + feature), first + feature
-                up, down, upward, downward = rectified(response), rectified(negated(response)), zeros(), zeros()
-                for other in range(LANES):
-                    here, one = to + other * step, spread(errors, error + other)
-                    upward = multiply_add(one, load(matrix, here), upward)
-                    downward = multiply_add(one, load(matrix, here + features), downward)
-                    store(sums, here, multiply_add(one, up, load(sums, here)))
-                    store(sums, here + features, multiply_add(one, down, load(sums, here + features)))
-                found = subtract(where_positive(response, upward), where_positive(negated(response), downward))
-                store(back, place + feature, add(load(back, place + feature), found))
+                to = unit * 2 * features + feature
+                _add_weights(inputs, errors, first, last, features, units, unit, feature, False, sums, to)
+                _add_weights(inputs, errors, first, last, features, units, unit, feature, True, sums, to + features)
+                _add_back(inputs, errors, first, last, features, units, unit, feature, matrix, back)
+
+
+@kernel
+def _add_weights(
+    inputs: Array,
+    errors: Array,
+    first: int,
+    last: int,
+    features: int,
+    units: int,
+    unit: int,
+    feature: int,
+    negate: bool,
+    sums: Array,
+    to: int,
+) -> None:
+    """Add the gradients of eight units' weights for one sign of eight responses, from rows `first` to `last`."""
+    step = 2 * features
+    sum0, sum1, sum2, sum3 = load(sums, to), load(sums, to + step), load(sums, to + 2 * step), load(sums, to + 3 * step)
+    sum4, sum5 = load(sums, to + 4 * step), load(sums, to + 5 * step)
+    sum6, sum7 = load(sums, to + 6 * step), load(sums, to + 7 * step)
+    for row in range(first, last):
+        response, error = load(inputs, row * features + feature), row * units + unit
+        signs = rectified(negated(response)) if negate else rectified(response)
+        sum0 = multiply_add(signs, spread(errors, error), sum0)
+        sum1 = multiply_add(signs, spread(errors, error + 1), sum1)
+        sum2 = multiply_add(signs, spread(errors, error + 2), sum2)
+        sum3 = multiply_add(signs, spread(errors, error + 3), sum3)
+        sum4 = multiply_add(signs, spread(errors, error + 4), sum4)
+        sum5 = multiply_add(signs, spread(errors, error + 5), sum5)
+        sum6 = multiply_add(signs, spread(errors, error + 6), sum6)
+        sum7 = multiply_add(signs, spread(errors, error + 7), sum7)
+    store(sums, to, sum0)
+    store(sums, to + step, sum1)
+    store(sums, to + 2 * step, sum2)
+    store(sums, to + 3 * step, sum3)
+    store(sums, to + 4 * step, sum4)
+    store(sums, to + 5 * step, sum5)
+    store(sums, to + 6 * step, sum6)
+    store(sums, to + 7 * step, sum7)
+
+
+@kernel
+def _add_back(
+    inputs: Array,
+    errors: Array,
+    first: int,
+    last: int,
+    features: int,
+    units: int,
+    unit: int,
+    feature: int,
+    weights: Array,
+    back: Array,
+) -> None:
+    """Fill the gradients of eight responses in rows `first` to `last` by the first eight units, or add by others."""
+    for row in range(first, last):
+        place, upward, downward = row * features + feature, zeros(), zeros()
+        for other in range(LANES):
+            error, here = spread(errors, row * units + unit + other), (unit + other) * 2 * features + feature
+            upward = multiply_add(error, load(weights, here), upward)
+            downward = multiply_add(error, load(weights, here + features), downward)
+        response = load(inputs, place)
+        found = subtract(where_positive(response, upward), where_positive(negated(response), downward))
+        store(back, place, add(load(back, place), found) if unit else found)
