@@ -17,16 +17,17 @@ from sprl_baselines.kernels.vectors import LANES
 
 def rectified_linear(responses: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     """Responses `[B, F]`, weights `[U, 2 F]` and biases `[U]` -> `relu([x, -x]) @ weight.T + bias`, `[B, U]`."""
-    tensors = responses, weight, bias
-    if responses.shape[1] % LANES or not all(
-        one.device.type == "cpu" and one.dtype == torch.float32 for one in tensors
-    ):
+    if responses.shape[1] % LANES or not all(map(_is_compiled_for, (responses, weight, bias))):
         return functional.linear(torch.cat((responses, -responses), dim=1).relu(), weight, bias)
     if spare := -len(weight) % LANES:
         filled = functional.pad(weight, (0, 0, 0, spare)), functional.pad(bias, (0, spare))
         return rectified_linear(responses, *filled)[:, : len(weight)]
     units: Tensor = _Compiled.apply(responses, weight, bias)  # type: ignore[no-untyped-call] # torch has no types there
     return units
+
+
+def _is_compiled_for(tensor: Tensor) -> bool:
+    return tensor.device.type == "cpu" and tensor.dtype == torch.float32
 
 
 class _Compiled(torch.autograd.Function):
