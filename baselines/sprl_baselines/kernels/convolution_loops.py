@@ -1,84 +1,89 @@
-"""2x2 SAME convolutions with CReLU, compiled for the CPU: forward, and backward to the parameters.
+"""2x2 SAME convolutions with concatenated rectifiers, compiled for the CPU: forward, and backward to the parameters.
 
-On images as small as a grid, most of PyTorch's time is overhead. Here a block of images is stored as one plane for each
-channel; each image has an empty row below it and an empty column on its right. Then each of a kernel's four taps is
-the whole plane shifted by a constant, and the inner loops run over long rows. The backward pass computes the block
-again, because that is faster than storing it.
+On images as small as a grid PyTorch spends more time around the products than on them, so they are spelled out here.
+Eight images are computed at a time, one in each lane of a vector: what is done to a cell is one instruction for all
+eight, and lanes without an image hold zeros. Backward, the block is computed again: that stays in the processor's
+cache, and what the forward pass could have kept does not.
 
-Everything is in one file, because Numba's cache on disk only notices changes of the file that holds a kernel.
+A channel of a block is a plane `[H + 1, W + 1, 8]` with an empty row below and an empty column on the right, so that
+each of a kernel's four taps is the plane moved by a constant. In front of it lies an empty row and cell more, as
+gradients move the other way. The planes of the images, then those of each layer, are one flat array.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from typing import Any, Final
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float32]
-Arrays = tuple[Array, ...]
-Mask = NDArray[np.bool_]
-Offsets = NDArray[np.int64]
-F = TypeVar("F", bound=Callable[..., Any])
+from sprl_baselines.kernels.compiling import Array, Arrays, Offsets, kernel
+from sprl_baselines.kernels.vectors import (
+    LANES,
+    add,
+    load,
+    multiply_add,
+    negated,
+    rectified,
+    spread,
+    store,
+    subtract,
+    transpose,
+    where_positive,
+)
 
-BLOCK: Final = 1024  # numbers in a plane, so that the planes in use stay in the CPU cache
-FAST_MATH: Final = {"contract", "nsz", "reassoc"}  # sums may be reordered, but the order is the same every time
+BLOCK: Final = LANES  # images at a time
+TAPS: Final = 4
+TILE: Final = 8  # outputs of a convolution at a time, each in a register of its own
 
-
-def kernel(function: F) -> F:
-    """Compile to machine code, cached on disk if a folder is writable."""
-    try:
-        return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
-    except RuntimeError:
-        return cast(F, njit(nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
-
-
-# A plane holds `count` numbers: (H + 1) * (W + 1) for each image, in rows of `stride` = W + 1. After the numbers of a
-# plane, and before those of a gradient, there are stride + 1 more, because the taps read past the end. So planes are
-# [C, count + stride + 1], with C = 2 O after a layer of O outputs, and weights are [O, C, 4].
+Sides = tuple[int, int]  # height and width of an image
 
 
 @kernel
 def forward(images: Array, weights: Arrays, biases: Arrays, features: Array) -> None:
-    """Fill `features` [B, H, W, 2 O] from `images` [B, H, W, C]."""
-    offsets, mask = _offsets(weights), _mask(images.shape)
-    planes = _planes(offsets, mask)
-    for first in range(0, len(images), len(mask)):
-        block = images[first : first + len(mask)]
-        _rectified(block, weights, biases, offsets, mask, planes)
-        _unpack(planes[offsets[-2] : offsets[-1]], features[first : first + len(mask)])
+    """Fill `features` [B, H, W, 2 O] from `images` [B, H, W, C]; weights are [O, C, 4], biases [O]."""
+    respond(images, channel_offsets(weights), tiles(weights), padded(biases), features)
 
 
 @kernel
 def backward(
     images: Array, weights: Arrays, biases: Arrays, gradient: Array, weight_gradients: Arrays, bias_gradients: Arrays
 ) -> None:
-    """Add to the gradients of the parameters, from the gradient of the features."""
-    offsets, mask = _offsets(weights), _mask(images.shape)
-    planes, plane_gradients = _planes(offsets, mask), _planes(offsets, mask)
-    stride = mask.shape[2]
-    for first in range(0, len(images), len(mask)):
-        block = images[first : first + len(mask)]
-        count = mask[: len(block)].size
-        _rectified(block, weights, biases, offsets, mask, planes)
-        _pack(gradient[first : first + len(mask)], plane_gradients[offsets[-2] : offsets[-1]])
+    """Add the gradients of the parameters, from that of the features."""
+    sides, offsets = images.shape[1:3], channel_offsets(weights)
+    there, back, starts, plane = tiles(weights), tiles_back(weights), padded(biases), plane_size(images.shape[1:3])
+    planes, gradients = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] * plane, np.float32)
+    errors, nothing = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] + TILE, np.float32)
+    sums = np.zeros((len(weights), there.shape[1] * LANES), np.float32)
+    bias_sums = np.zeros((len(weights), starts.shape[1] * LANES), np.float32)
+    for first in range(0, len(images), BLOCK):
+        _fill(images[first : first + BLOCK], offsets, there, starts, planes)
+        _pack(gradient[first : first + BLOCK], gradients[offsets[-2] * plane :])
         for layer in range(len(weights) - 1, -1, -1):
-            before, after, behind = offsets[layer], offsets[layer + 1], offsets[layer + 2]
-            errors = np.zeros((len(biases[layer]), stride + 1 + count), np.float32)
-            _rectify_gradient(planes[after:behind], plane_gradients[after:behind], count, stride, errors)
-            _correlate_gradient(
-                planes[before:after], errors, count, stride, weight_gradients[layer], bias_gradients[layer]
-            )
+            before, after = offsets[layer] * plane, offsets[layer + 1] * plane
+            outputs, channels, _ = weights[layer].shape
+            _rectify_gradient(planes[after:], gradients[after:], outputs, sides, errors)
+            _correlate_gradient(planes[before:], errors, outputs, channels, sides, sums[layer])
+            _add_planes(errors, outputs, plane, bias_sums[layer])
             if layer:
-                plane_gradients[before:after] = 0
-                _correlate(errors, _flipped(weights[layer]), count, stride, plane_gradients[before:after])
+                _correlate(errors, outputs, -1, back[layer], nothing, sides, gradients[before:], channels, False)
+    for layer in range(len(weights)):
+        _add_lanes(sums[layer], weight_gradients[layer].reshape(-1))
+        _add_lanes(bias_sums[layer], bias_gradients[layer])
 
 
 @kernel
-def _offsets(weights: Arrays) -> Offsets:
-    """Return the first plane of the images, of each layer, and the end of the last layer's planes."""
+def respond(images: Array, offsets: Offsets, weights: Array, biases: Array, features: Array) -> None:
+    """Fill `features` from `images`, by the weights and biases of all layers as `tiles` and `padded` lay them out."""
+    plane = plane_size(images.shape[1:3])
+    planes = np.zeros(offsets[-1] * plane, np.float32)
+    for first in range(0, len(images), BLOCK):
+        _fill(images[first : first + BLOCK], offsets, weights, biases, planes)
+        _unpack(planes[offsets[-2] * plane :], features[first : first + BLOCK])
+
+
+@kernel
+def channel_offsets(weights: Arrays) -> Offsets:
+    """Return which plane is the first of the images, of each layer, and which would be next."""
     offsets = np.zeros(len(weights) + 2, np.int64)
     offsets[1] = weights[0].shape[1]
     for layer in range(len(weights)):
@@ -87,154 +92,280 @@ def _offsets(weights: Arrays) -> Offsets:
 
 
 @kernel
-def _mask(shape: tuple[int, int, int, int]) -> Mask:
-    """Return which numbers of a block's planes `[B, H + 1, W + 1]` are cells and not padding."""
-    number, height, width, _ = shape
-    number = max(1, min(number, BLOCK // ((height + 1) * (width + 1))))
-    mask = np.zeros((number, height + 1, width + 1), np.bool_)
-    mask[:, :height, :width] = True
-    return mask
-
-
-@kernel
-def _planes(offsets: Offsets, mask: Mask) -> Array:
-    """Return zeros for the planes of a block: those of the images and of every layer."""
-    return np.zeros((offsets[-1], mask.size + mask.shape[2] + 1), np.float32)
-
-
-@kernel
-def _flipped(weights: Array) -> Array:
-    """Return the weights `[C, O, 4]` of the backward pass: the taps in reverse order."""
-    outputs, channels, taps = weights.shape
-    flipped = np.empty((channels, outputs, taps), np.float32)
-    for output in range(outputs):
-        for channel in range(channels):
-            for tap in range(taps):
-                flipped[channel, output, taps - 1 - tap] = weights[output, channel, tap]
-    return flipped
-
-
-@kernel
-def _rectified(images: Array, weights: Arrays, biases: Arrays, offsets: Offsets, mask: Mask, planes: Array) -> None:
-    """Fill the planes with a block of images and with the outputs of each layer."""
-    stride, count = mask.shape[2], mask[: len(images)].size
-    _pack(images, planes[: offsets[1]])
+def tiles(weights: Arrays) -> Array:
+    """Return each layer's weights as `[ceil(O / 8), C, 4, 8]`, in a row with room for the largest layer's."""
+    rows = np.zeros((len(weights), _largest(weights)), np.float32)
     for layer in range(len(weights)):
-        before, after = planes[offsets[layer] : offsets[layer + 1]], planes[offsets[layer + 1] : offsets[layer + 2]]
-        for output in range(len(biases[layer])):
-            after[output, :count] = biases[layer][output]
-        _correlate(before, weights[layer], count, stride, after)
-        _rectify(after, count, mask.reshape(-1))
+        _lay(weights[layer], rows[layer])
+    return rows
 
 
 @kernel
-def _correlate(planes: Array, weights: Array, count: int, stride: int, out: Array) -> None:
-    """Add the four taps of all `planes` [C, ...] to the first planes of `out`, one for each of the weights' outputs.
-
-    Two outputs at a time share the reads of the planes. If their number is odd, the last is paired with scratch space.
-    """
-    outputs, channels, _ = weights.shape
-    waste = np.zeros(count, np.float32)
-    for output in range(0, outputs, 2):
-        other = min(output + 1, outputs - 1)
-        row, row_2 = out[output, :count], out[other, :count] if other != output else waste
-        for channel in range(channels):
-            plane, taps, taps_2 = planes[channel], weights[output, channel], weights[other, channel]
-            here, right = plane[:count], plane[1 : count + 1]
-            below, diagonal = plane[stride : count + stride], plane[stride + 1 : count + stride + 1]
-            first, second, third, fourth = taps[0], taps[1], taps[2], taps[3]
-            first_2, second_2, third_2, fourth_2 = taps_2[0], taps_2[1], taps_2[2], taps_2[3]
-            for place in range(count):
-                one, two, three, four = here[place], right[place], below[place], diagonal[place]
-                row[place] += first * one + second * two + third * three + fourth * four
-                row_2[place] += first_2 * one + second_2 * two + third_2 * three + fourth_2 * four
+def tiles_back(weights: Arrays) -> Array:
+    """Return the same for the way of gradients, `[ceil(C / 8), O, 4, 8]`."""
+    rows = np.zeros((len(weights), _largest(weights)), np.float32)
+    for layer in range(len(weights)):
+        _lay(weights[layer].transpose(1, 0, 2).copy(), rows[layer])
+    return rows
 
 
 @kernel
-def _correlate_gradient(
-    planes: Array, gradient: Array, count: int, stride: int, weight_gradients: Array, bias_gradients: Array
-) -> None:
-    """Add to the gradients of weights and biases, from the gradient `[O, stride + 1 + count]` of the responses.
-
-    Two outputs at a time share the reads of the planes.
-    """
-    outputs, channels, _ = weight_gradients.shape
+def _lay(weights: Array, row: Array) -> None:
+    """Fill a row from weights `[O, C, 4]`."""
+    outputs, channels, taps = weights.shape
     for output in range(outputs):
-        bias_gradients[output] += gradient[output, stride + 1 :][:count].sum()
-    for output in range(0, outputs, 2):
-        other = min(output + 1, outputs - 1)
-        error, error_2 = gradient[output, stride + 1 :][:count], gradient[other, stride + 1 :][:count]
         for channel in range(channels):
-            plane = planes[channel]
-            here, right = plane[:count], plane[1 : count + 1]
-            below, diagonal = plane[stride : count + stride], plane[stride + 1 : count + stride + 1]
-            first = second = third = fourth = np.float32(0)
-            first_2 = second_2 = third_2 = fourth_2 = np.float32(0)
-            for place in range(count):
-                one, two = error[place], error_2[place]
-                first += one * here[place]
-                second += one * right[place]
-                third += one * below[place]
-                fourth += one * diagonal[place]
-                first_2 += two * here[place]
-                second_2 += two * right[place]
-                third_2 += two * below[place]
-                fourth_2 += two * diagonal[place]
-            _add_taps(weight_gradients[output, channel], first, second, third, fourth)
+            place = ((output // TILE * channels + channel) * TAPS) * TILE + output % TILE
+            for tap in range(taps):
+                row[place + tap * TILE] = weights[output, channel, tap]
+
+
+@kernel
+def _largest(weights: Arrays) -> int:
+    """Return the numbers in the largest layer's tiles, either way."""
+    largest = 0
+    for layer in range(len(weights)):
+        outputs, channels, taps = weights[layer].shape
+        largest = max(largest, (outputs + TILE) * (channels + TILE) * taps)
+    return largest
+
+
+@kernel
+def padded(biases: Arrays) -> Array:
+    """Return the layers' biases as rows with zeros behind them, for whole tiles."""
+    most = 0
+    for layer in range(len(biases)):
+        most = max(most, len(biases[layer]))
+    rows = np.zeros((len(biases), most + TILE), np.float32)
+    for layer in range(len(biases)):
+        rows[layer, : len(biases[layer])] = biases[layer]
+    return rows
+
+
+@kernel
+def plane_size(sides: Sides) -> int:
+    """Return the numbers in a plane: an odd number of cells, so that planes do not fight for places in the cache."""
+    return (_cell(sides[0] + 1, 0, sides[1]) // LANES | 1) * LANES
+
+
+@kernel
+def _cell(y: int, x: int, width: int) -> int:
+    """Return where a cell's eight numbers begin in a plane."""
+    return (width + 2 + y * (width + 1) + x) * LANES
+
+
+@kernel
+def _fill(images: Array, offsets: Offsets, weights: Array, biases: Array, planes: Array) -> None:
+    """Fill the planes with a block of images and with what each layer makes of them."""
+    sides, plane = images.shape[1:3], plane_size(images.shape[1:3])
+    _pack(images, planes)
+    for layer in range(len(weights)):
+        before, after, outputs = offsets[layer], offsets[layer + 1], (offsets[layer + 2] - offsets[layer + 1]) // 2
+        _correlate(
+            planes[before * plane :],
+            after - before,
+            1,
+            weights[layer],
+            biases[layer],
+            sides,
+            planes[after * plane :],
+            outputs,
+            True,
+        )
+
+
+@kernel
+def _correlate(
+    planes: Array,
+    channels: int,
+    sign: int,
+    weights: Array,
+    biases: Array,
+    sides: Sides,
+    out: Array,
+    outputs: int,
+    rectify: bool,
+) -> None:
+    """Fill planes with biases and the taps of `channels` planes: below and on the right, or above and on the left.
+
+    Args:
+        planes: What is correlated.
+        channels: Their number.
+        sign: 1 for taps below and on the right, -1 for taps above and on the left.
+        weights: As `tiles` lays them out.
+        biases: One for each output of whole tiles.
+        sides: Of an image.
+        out: A plane for each output, or two: rectified, and negated and rectified.
+        outputs: Their number.
+        rectify: Whether there are two.
+    """
+    height, width = sides
+    plane = plane_size(sides)
+    right, below, diagonal = sign * LANES, sign * (width + 1) * LANES, sign * (width + 2) * LANES
+    other = outputs * plane
+    for output in range(0, outputs, TILE):
+        left = outputs - output
+        for cell in range(height * width):
+            place = _cell(cell // width, cell % width, width)
+            to = output * plane + place
+            weight = output * channels * TAPS
+            sum0, sum1 = spread(biases, output), spread(biases, output + 1)
+            sum2, sum3 = spread(biases, output + 2), spread(biases, output + 3)
+            sum4, sum5 = spread(biases, output + 4), spread(biases, output + 5)
+            sum6, sum7 = spread(biases, output + 6), spread(biases, output + 7)
+            for _ in range(channels):
+                for tap in (0, right, below, diagonal):
+                    cells = load(planes, place + tap)
+                    sum0 = multiply_add(cells, spread(weights, weight), sum0)
+                    sum1 = multiply_add(cells, spread(weights, weight + 1), sum1)
+                    sum2 = multiply_add(cells, spread(weights, weight + 2), sum2)
+                    sum3 = multiply_add(cells, spread(weights, weight + 3), sum3)
+                    sum4 = multiply_add(cells, spread(weights, weight + 4), sum4)
+                    sum5 = multiply_add(cells, spread(weights, weight + 5), sum5)
+                    sum6 = multiply_add(cells, spread(weights, weight + 6), sum6)
+                    sum7 = multiply_add(cells, spread(weights, weight + 7), sum7)
+                    weight += TILE
+                place += plane
+            _put(sum0, out, to, other, rectify)
+            if left > 1:
+                _put(sum1, out, to + plane, other, rectify)
+            if left > 2:
+                _put(sum2, out, to + 2 * plane, other, rectify)
+            if left > 3:
+                _put(sum3, out, to + 3 * plane, other, rectify)
+            if left > 4:
+                _put(sum4, out, to + 4 * plane, other, rectify)
+            if left > 5:
+                _put(sum5, out, to + 5 * plane, other, rectify)
+            if left > 6:
+                _put(sum6, out, to + 6 * plane, other, rectify)
+            if left > 7:
+                _put(sum7, out, to + 7 * plane, other, rectify)
+
+
+@kernel
+def _put(value: Any, out: Array, place: int, other: int, rectify: bool) -> None:
+    """Write a vector, or both of its rectified signs, the second `other` numbers behind the first."""
+    if rectify:
+        store(out, place, rectified(value))
+        store(out, place + other, rectified(negated(value)))
+    else:
+        store(out, place, value)
+
+
+@kernel
+def _correlate_gradient(planes: Array, errors: Array, outputs: int, channels: int, sides: Sides, sums: Array) -> None:
+    """Add the gradients of the weights, `[O, C, 4, 8]` by lanes, from that of the responses.
+
+    Two outputs at a time share what is read of the planes; where their number is odd, the last one's partner is waste.
+    """
+    height, width = sides
+    plane = plane_size(sides)
+    right, below, diagonal = LANES, (width + 1) * LANES, (width + 2) * LANES
+    for channel in range(channels):
+        for output in range(0, outputs, 2):
+            other = min(output + 1, outputs - 1)
+            to, to_other = (output * channels + channel) * TAPS * LANES, (other * channels + channel) * TAPS * LANES
+            first, first_other = load(sums, to), load(sums, to_other)
+            second, second_other = load(sums, to + LANES), load(sums, to_other + LANES)
+            third, third_other = load(sums, to + 2 * LANES), load(sums, to_other + 2 * LANES)
+            fourth, fourth_other = load(sums, to + 3 * LANES), load(sums, to_other + 3 * LANES)
+            for y in range(height):
+                place = _cell(y, 0, width)
+                for _ in range(width):
+                    here = channel * plane + place
+                    error, error_other = load(errors, output * plane + place), load(errors, other * plane + place)
+                    cells = load(planes, here)
+                    first = multiply_add(cells, error, first)
+                    first_other = multiply_add(cells, error_other, first_other)
+                    cells = load(planes, here + right)
+                    second = multiply_add(cells, error, second)
+                    second_other = multiply_add(cells, error_other, second_other)
+                    cells = load(planes, here + below)
+                    third = multiply_add(cells, error, third)
+                    third_other = multiply_add(cells, error_other, third_other)
+                    cells = load(planes, here + diagonal)
+                    fourth = multiply_add(cells, error, fourth)
+                    fourth_other = multiply_add(cells, error_other, fourth_other)
+                    place += LANES
             if other != output:
-                _add_taps(weight_gradients[other, channel], first_2, second_2, third_2, fourth_2)
+                _put_taps(first_other, second_other, third_other, fourth_other, sums, to_other)
+            _put_taps(first, second, third, fourth, sums, to)
 
 
 @kernel
-def _add_taps(taps: Array, first: np.float32, second: np.float32, third: np.float32, fourth: np.float32) -> None:
-    taps[0] += first
-    taps[1] += second
-    taps[2] += third
-    taps[3] += fourth
+def _put_taps(first: Any, second: Any, third: Any, fourth: Any, sums: Array, place: int) -> None:
+    store(sums, place, first)
+    store(sums, place + LANES, second)
+    store(sums, place + 2 * LANES, third)
+    store(sums, place + 3 * LANES, fourth)
 
 
 @kernel
-def _rectify(planes: Array, count: int, mask: Mask) -> None:
-    """Apply the CReLU to the responses in the first half of the planes; the padding becomes 0."""
-    half, zero = len(planes) // 2, np.float32(0)
-    for channel in range(half):
-        positive, negative = planes[channel], planes[half + channel]
-        for place in range(count):
-            response = positive[place] if mask[place] else zero
-            positive[place] = max(response, zero)
-            negative[place] = max(-response, zero)
+def _add_lanes(sums: Array, gradients: Array) -> None:
+    """Add what the eight lanes of each sum hold."""
+    for place in range(len(gradients)):
+        for lane in range(LANES):
+            gradients[place] += sums[place * LANES + lane]
 
 
 @kernel
-def _rectify_gradient(planes: Array, gradient: Array, count: int, stride: int, out: Array) -> None:
-    """Fill `out` with the gradient of the responses, from the gradient of the CReLU's outputs."""
-    half, zero = len(planes) // 2, np.float32(0)
-    for channel in range(half):
-        positive, negative = planes[channel], planes[half + channel]
-        up, down, row = gradient[channel], gradient[half + channel], out[channel][stride + 1 :]
-        for place in range(count):
-            row[place] = (up[place] if positive[place] > 0 else zero) - (down[place] if negative[place] > 0 else zero)
+def _add_planes(errors: Array, outputs: int, plane: int, sums: Array) -> None:
+    """Add the gradients of the biases, `[O, 8]` by lanes, from that of the responses."""
+    for output in range(outputs):
+        total = load(sums, output * LANES)
+        for place in range(output * plane, (output + 1) * plane, LANES):
+            total = add(total, load(errors, place))
+        store(sums, output * LANES, total)
+
+
+@kernel
+def _rectify_gradient(planes: Array, gradients: Array, outputs: int, sides: Sides, errors: Array) -> None:
+    """Fill `errors` with the gradient of the responses, from that of both rectified signs."""
+    height, width = sides
+    plane = plane_size(sides)
+    for output in range(outputs):
+        for y in range(height):
+            place = output * plane + _cell(y, 0, width)
+            other = place + outputs * plane
+            for _ in range(width):
+                up = where_positive(load(planes, place), load(gradients, place))
+                down = where_positive(load(planes, other), load(gradients, other))
+                store(errors, place, subtract(up, down))
+                place += LANES
+                other += LANES
 
 
 @kernel
 def _pack(images: Array, planes: Array) -> None:
-    """Copy images `[B, H, W, C]` into planes."""
-    number, height, width, channels = images.shape
-    for channel in range(channels):
-        grids = planes[channel, : number * (height + 1) * (width + 1)].reshape(number, height + 1, width + 1)
-        for image in range(number):
-            for y in range(height):
-                for x in range(width):
-                    grids[image, y, x] = images[image, y, x, channel]
+    """Lay out at most eight images `[B, H, W, C]` as planes."""
+    count, height, width, channels = images.shape
+    plane, flat, whole = plane_size((height, width)), images.reshape(-1), 0
+    image = height * width * channels
+    if count == BLOCK:
+        whole = channels // LANES * LANES
+    for cell in range(height * width):
+        place = _cell(cell // width, cell % width, width)
+        for channel in range(0, whole, LANES):
+            transpose(flat, cell * channels + channel, image, planes, channel * plane + place, plane)
+        for channel in range(whole, channels):
+            for lane in range(count):
+                planes[channel * plane + place + lane] = flat[lane * image + cell * channels + channel]
+            planes[channel * plane + place + count : channel * plane + place + BLOCK] = 0
 
 
 @kernel
 def _unpack(planes: Array, images: Array) -> None:
-    """Copy planes into images `[B, H, W, C]`."""
-    number, height, width, channels = images.shape
-    for channel in range(channels):
-        grids = planes[channel, : number * (height + 1) * (width + 1)].reshape(number, height + 1, width + 1)
-        for image in range(number):
-            for y in range(height):
-                for x in range(width):
-                    images[image, y, x, channel] = grids[image, y, x]
+    """Take at most eight images `[B, H, W, C]` from planes."""
+    count, height, width, channels = images.shape
+    plane, flat, whole = plane_size((height, width)), images.reshape(-1), 0
+    image = height * width * channels
+    if count == BLOCK:
+        whole = channels // LANES * LANES
+    for cell in range(height * width):
+        place = _cell(cell // width, cell % width, width)
+        for channel in range(0, whole, LANES):
+            transpose(planes, channel * plane + place, plane, flat, cell * channels + channel, image)
+        for channel in range(whole, channels):
+            for lane in range(count):
+                flat[lane * image + cell * channels + channel] = planes[channel * plane + place + lane]

@@ -1,7 +1,7 @@
-"""The convolutions of the grid network (appendix D.3): compiled on the CPU, PyTorch's own elsewhere.
+"""The convolutions of the grid network (appendix D.3), compiled for the CPU and as PyTorch has them elsewhere.
 
-Each layer is a 2x2 SAME convolution y and its CReLU, relu(y, -y). For a 2x2 kernel, SAME pads only at the bottom and on
-the right.
+Each layer is a 2x2 SAME convolution y and its concatenated rectifier, relu(y, -y); SAME for a 2x2 kernel pads at the
+bottom and on the right only.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 from sprl_baselines.kernels import convolution_loops
-from sprl_baselines.kernels.convolution_loops import Array, Arrays
+from sprl_baselines.kernels.compiling import Array, Arrays
 
 
 class CReLUConvolutions(nn.Module):
-    """2x2 SAME convolutions, each followed by a CReLU.
+    """2x2 SAME convolutions, each followed by its concatenated rectifier.
 
     Args:
         inputs: Channels C of an image.
-        outputs: Output channels of each convolution; its CReLU gives twice as many.
-        gain: Gain of the orthogonal weights.
-        generator: Generator of the weights, on the CPU.
+        outputs: Channels of each convolution, at least one of them; its rectifier gives twice as many.
+        gain: Of the orthogonal weights.
+        generator: Source of the weights, on the CPU.
     """
 
     def __init__(self, inputs: int, outputs: Sequence[int], gain: float, generator: torch.Generator) -> None:
         super().__init__()
+        self.outputs = tuple(outputs)
         channels = [inputs, *(2 * count for count in outputs)]
         shapes = [(after // 2, before, 2, 2) for before, after in pairwise(channels)]
         self.weights = nn.ParameterList(nn.Parameter(torch.empty(shape)) for shape in shapes)
@@ -40,14 +41,22 @@ class CReLUConvolutions(nn.Module):
             nn.init.orthogonal_(weight, gain, generator)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Return features, `[B, C, H, W]` -> `[B, H * W * 2 O]`, cell by cell; O are the last layer's outputs.
+        """Images `[B, C, H, W]` -> features `[B, H * W * 2 O]`, cell by cell; O are the last layer's outputs.
 
         Raises:
-            ValueError: The number of channels is wrong.
+            ValueError: The images have another number of channels.
         """
+        self.check(images)
+        return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
+
+    def check(self, images: Tensor) -> None:
+        """Refuse images with another number of channels."""
         if images.shape[1] != self.weights[0].shape[1]:
             raise ValueError(f"Channels of images is {images.shape[1]}; it must be {self.weights[0].shape[1]}.")
-        return (self._compiled(images) if self._can_compile(images) else self._plain(images)).flatten(1)
+
+    def arrays(self) -> tuple[Arrays, Arrays]:
+        """Return the weights, each `[O, C, 4]`, and the biases, each `[O]`, as the compiled functions take them."""
+        return _arrays((*self.weights, *self.biases))
 
     def _can_compile(self, images: Tensor) -> bool:
         fit = all(one.device.type == "cpu" and one.dtype == torch.float32 for one in (images, self.weights[0]))
@@ -68,18 +77,18 @@ class CReLUConvolutions(nn.Module):
 
 
 class _Compiled(torch.autograd.Function):
-    """The compiled functions with an autograd interface. The images get no gradient."""
+    """The compiled functions, as PyTorch calls them. The images get no gradient."""
 
     @staticmethod
     def forward(ctx: Any, images: Tensor, *parameters: Tensor) -> Tensor:
-        """Return features `[B, H, W, 2 O]` from images `[B, H, W, C]`, all layers' weights, then all biases."""
+        """Images `[B, H, W, C]`, then every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
         ctx.save_for_backward(images, *parameters)
         return _features(images, parameters)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """Return the gradients of the parameters, in their order and shapes."""
+        """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
         weights, biases = _arrays(parameters)
         weight_gradients = tuple(np.zeros_like(weight) for weight in weights)
@@ -95,7 +104,7 @@ def _array(tensor: Tensor) -> Array:
 
 
 def _features(images: Tensor, parameters: Sequence[Tensor]) -> Tensor:
-    """Return features `[B, H, W, 2 O]` from images `[B, H, W, C]`, all layers' weights, then all biases."""
+    """Images `[B, H, W, C]`, and every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
     weights, biases = _arrays(parameters)
     features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
     convolution_loops.forward(_array(images), weights, biases, features)
