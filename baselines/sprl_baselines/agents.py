@@ -66,7 +66,7 @@ class LearningAgent:
 
     def _improve(self, remaining: float) -> dict[str, float]:
         """Collect one rollout and learn from it."""
-        rollout = self._collector.collect(self.learner.act)
+        rollout = self._collector.collect(self.learner.policy(), self.learner.values)
         newest = rollout.newest(self.config.stack)
         bonus = self.bonus.reward(newest)
         learner_metrics = self.learner.update(rollout, self._training_rewards(rollout, bonus), remaining)
@@ -165,11 +165,11 @@ class LearningAgent:
         view = self._make_view(observation_space)
         learner = PPO(observation_space, action_space, self.config, seed, self._device, view)
         load_weights(learner.network, (self._saved or self.weights())["learner"]["network"])
-        clipped = clipping(action_space)
+        draw, clipped = learner.policy(), clipping(action_space)
 
         def act(observation: Any) -> Any:
             with torch.inference_mode():
-                action = learner.act(torch.from_numpy(observation[None]).to(self._device)).actions[0].cpu().numpy()
+                action = draw(torch.from_numpy(observation[None]).to(self._device)).actions[0].cpu().numpy()
             return clipped(action)
 
         return act

@@ -16,7 +16,8 @@ from gymnasium import Space
 from torch import Tensor
 from torch.nn.utils import clip_grad_norm_
 
-from sprl_baselines.learning.collector import Decision
+from sprl_baselines.learning.acting import acting
+from sprl_baselines.learning.collector import Decision, Policy, Values
 from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
 from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
 from sprl_baselines.learning.networks import actor_critic
@@ -115,12 +116,22 @@ class PPO:
             self.network.parameters(), lr=config.learning_rate, eps=config.adam_epsilon, fused=True
         )
 
-    def act(self, observations: Tensor) -> Decision:
-        """Sample an action for each of N observations."""
-        parameters, values = self.network(observations)
-        distribution = self.network.head.distribution(parameters)
-        actions = distribution.sample(self._generator)
-        return Decision(actions, distribution.log_prob(actions), values)
+    def policy(self) -> Policy:
+        """Return a function that draws an action for each of N observations with the present parameters."""
+        answer = acting(self.network)
+
+        def act(observations: Tensor) -> Decision:
+            parameters, values = answer(observations)
+            distribution = self.network.head.distribution(parameters)
+            actions = distribution.sample(self._generator)
+            return Decision(actions, distribution.log_prob(actions), values)
+
+        return act
+
+    @property
+    def values(self) -> Values | None:
+        """What computes the values of a whole rollout, if the policy does not compute them while it acts."""
+        return None if self.network.shared else self.network.values
 
     def update(self, rollout: Rollout, training_rewards: Tensor, remaining: float = 1.0) -> dict[str, float]:
         """Improve the policy on one rollout.

@@ -168,7 +168,7 @@ def test_a_restored_policy_acts_as_it_did_in_training(env_id: str) -> None:
         for observation in envs.reset(seed=1)[0]:
             action = policy(observation)
             assert spaces_[1].contains(action)
-            drawn = fresh.act(torch.from_numpy(observation[None])).actions[0].detach().numpy()
+            drawn = fresh.policy()(torch.from_numpy(observation[None])).actions[0].detach().numpy()
             assert np.array_equal(action, drawn if env_id == GRID else drawn.clip(-2, 2))
             played.append(action)
     assert len(np.unique(played, axis=0)) > 1

@@ -247,7 +247,7 @@ def test_same_seed_same_bits_and_no_global_generator_is_touched() -> None:
     rollout, found = made_up_rollout(), []
     for seed in (3, 3, 4):
         ppo = learner(seed)
-        decisions = [ppo.act(rollout.last_observations) for _ in range(3)]
+        decisions = [ppo.policy()(rollout.last_observations) for _ in range(3)]
         ppo.update(rollout, rollout.rewards)
         found.append((bits(ppo), [decision.actions.tolist() for decision in decisions]))
     assert found[0] == found[1]
@@ -266,7 +266,9 @@ def test_a_saved_learner_goes_on_bit_for_bit() -> None:
     for ppo in (first, second):
         ppo.update(rollout, rollout.rewards)
     assert bits(first) == bits(second)
-    assert torch.equal(first.act(rollout.last_observations).actions, second.act(rollout.last_observations).actions)
+    assert torch.equal(
+        first.policy()(rollout.last_observations).actions, second.policy()(rollout.last_observations).actions
+    )
 
 
 def test_a_saved_state_does_not_move_with_its_learner() -> None:

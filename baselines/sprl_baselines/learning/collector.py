@@ -18,14 +18,17 @@ Array = npt.NDArray[Any]
 
 
 class Decision(NamedTuple):
-    """A policy's actions for N observations, and the values of these."""
+    """A policy's actions for N observations, and the values of these observations, if the policy computes them."""
 
     actions: Tensor  # [N] or [N, A]
     log_probs: Tensor  # [N]
-    values: Tensor  # [N]
+    values: Tensor | None  # [N]
 
 
+DECIDED = ("actions", "log_probs")
 Policy = Callable[[Tensor], Decision]
+Values = Callable[[Tensor], Tensor]
+"""Takes observations `[B, ...]`, and returns their values `[B]`."""
 
 
 class Collector:
@@ -75,14 +78,19 @@ class Collector:
         self._observations = self._alone(first)
         self._positions = self._position(infos)
 
-    def collect(self, policy: Policy) -> Rollout:
-        """Take T steps with `policy`, called under `torch.inference_mode`."""
+    def collect(self, policy: Policy, values: Values | None = None) -> Rollout:
+        """Take T steps with `policy`, called under `torch.inference_mode`.
+
+        Args:
+            policy: Chooses the actions.
+            values: Computes the values of all observations after the last step, if the policy does not.
+        """
         tape = _Tape()
         with torch.inference_mode():
             for _ in range(self._length):
                 decision = policy(torch.from_numpy(self._observations).to(self._device))
                 self._step(decision, tape)
-        return tape.rollout(self._observations, self._positions, self._device)
+        return tape.rollout(self._observations, self._positions, self._device, values)
 
     def _step(self, decision: Decision, tape: _Tape) -> None:
         """Take one step in every sub-env, and store it on the tape."""
@@ -145,10 +153,12 @@ class _Tape:
         self.final_observations: list[Array] = []
         self.final_positions: list[Array] = []
 
-    def rollout(self, last_observations: Array, last_positions: Array, device: torch.device) -> Rollout:
+    def rollout(
+        self, last_observations: Array, last_positions: Array, device: torch.device, values_of: Values | None
+    ) -> Rollout:
         """Return the rollout, with tensors on `device`."""
         observations, positions, rewards, terminated, truncated = map(np.stack, zip(*self.steps, strict=True))
-        actions, log_probs, values = map(torch.stack, zip(*self.decisions, strict=True))
+        actions, log_probs = (torch.stack([getattr(one, name) for one in self.decisions]) for name in DECIDED)
         next_positions = np.concatenate((positions[1:], last_positions[None]))
         if self.final_positions:
             next_positions[terminated | truncated] = self.final_positions
@@ -163,13 +173,21 @@ class _Tape:
             rewards=tensor(rewards.astype(np.float32)),
             terminated=tensor(terminated),
             truncated=tensor(truncated),
-            values=values.clone(),
+            values=self._values(tensor(observations), values_of),
             log_probs=log_probs.clone(),
             last_observations=tensor(last_observations.copy()),
             final_observations=tensor(final_observations.reshape(-1, *observations.shape[2:])),
             positions=tensor(positions),
             next_positions=tensor(next_positions),
         )
+
+    def _values(self, observations: Tensor, values_of: Values | None) -> Tensor:
+        """Return the values of the observations, `[T, N]`: the policy's, or those of one pass over the rollout."""
+        if values_of is None:
+            return torch.stack([one.values for one in self.decisions if one.values is not None]).clone()
+        with torch.inference_mode():
+            values = values_of(observations.flatten(0, 1))
+        return values.clone().view(observations.shape[:2])
 
 
 def _refuse_not_finite(observations: Array, step: int) -> None:

@@ -31,6 +31,13 @@ RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
 class Head(Protocol):
     """Turns features into distributions over actions."""
 
+    @property
+    def linear(self) -> nn.Linear:
+        """The head's only layer."""
+
+    def normalized(self, units: Tensor) -> Tensor:
+        """Return the parameters of the distributions from that layer's units, `[B, A]`."""
+
     def __call__(self, features: Tensor) -> Tensor:
         """Return the parameters of one distribution for each row, `[B, F]` -> `[B, A]`."""
 
@@ -45,7 +52,7 @@ class ActorCritic(nn.Module):
     """
 
     def __init__(
-        self, view: View, policy_trunk: nn.Module, value_trunk: nn.Module, head: Head, value: nn.Module
+        self, view: View, policy_trunk: nn.Sequential, value_trunk: nn.Sequential, head: Head, value: nn.Linear
     ) -> None:
         super().__init__()
         self.view = view
@@ -124,10 +131,18 @@ class CategoricalHead(nn.Module):
         super().__init__()
         self.logits = linear(features, actions, POLICY_GAIN, generator)
 
+    @property
+    def linear(self) -> nn.Linear:
+        """The layer that gives the logits."""
+        return self.logits
+
+    def normalized(self, units: Tensor) -> Tensor:
+        """Return normalised log-probabilities, from logits `[B, A]`."""
+        return units.log_softmax(dim=-1)
+
     def forward(self, features: Tensor) -> Tensor:
         """Return normalised log-probabilities, `[B, F]` -> `[B, A]`."""
-        log_probabilities: Tensor = self.logits(features).log_softmax(dim=-1)
-        return log_probabilities
+        return self.normalized(self.logits(features))
 
     def distribution(self, parameters: Tensor) -> Distribution:
         """Return the categorical distributions with these log-probabilities `[B, A]`."""
@@ -142,10 +157,18 @@ class GaussianHead(nn.Module):
         self.mean = linear(features, actions, POLICY_GAIN, generator)
         self.log_std = nn.Parameter(torch.zeros(actions))
 
+    @property
+    def linear(self) -> nn.Linear:
+        """The layer that gives the means."""
+        return self.mean
+
+    def normalized(self, units: Tensor) -> Tensor:
+        """Return means `[B, A]` as they are."""
+        return units
+
     def forward(self, features: Tensor) -> Tensor:
         """Return means, `[B, F]` -> `[B, A]`."""
-        means: Tensor = self.mean(features)
-        return means
+        return self.normalized(self.mean(features))
 
     def distribution(self, parameters: Tensor) -> Distribution:
         """Return the diagonal Gaussians with these means `[B, A]`."""
