@@ -18,6 +18,8 @@ from torch.nn import functional
 
 from sprl_baselines.kernels import convolution_loops
 from sprl_baselines.kernels.compiling import Array, Arrays
+from sprl_baselines.kernels.convolution_layout import Layout, layout, tiles_back
+from sprl_baselines.kernels.vectors import LANES
 
 
 class CReLUConvolutions(nn.Module):
@@ -54,9 +56,9 @@ class CReLUConvolutions(nn.Module):
         if images.shape[1] != self.weights[0].shape[1]:
             raise ValueError(f"The images have {images.shape[1]} channels; they need {self.weights[0].shape[1]}.")
 
-    def arrays(self) -> tuple[Arrays, Arrays]:
-        """Return the weights, each `[O, C, 4]`, and the biases, each `[O]`, as the compiled functions take them."""
-        return _arrays((*self.weights, *self.biases))
+    def layout(self) -> Layout:
+        """Return a copy of the parameters, as the compiled functions take them."""
+        return layout(*_arrays((*self.weights, *self.biases)))
 
     def _can_compile(self, images: Tensor) -> bool:
         fit = all(one.device.type == "cpu" and one.dtype == torch.float32 for one in (images, self.weights[0]))
@@ -91,11 +93,14 @@ class _Compiled(torch.autograd.Function):
         """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
         weights, biases = _arrays(parameters)
-        weight_gradients = tuple(np.zeros_like(weight) for weight in weights)
-        bias_gradients = tuple(np.zeros_like(bias) for bias in biases)
-        convolution_loops.backward(_array(images), weights, biases, _array(gradient), weight_gradients, bias_gradients)
-        gradients = map(torch.from_numpy, (*weight_gradients, *bias_gradients))
-        shaped = [gradient.view_as(parameter) for gradient, parameter in zip(gradients, parameters, strict=True)]
+        laid = layout(weights, biases)
+        sums = np.zeros((len(weights), LANES * max(weight.size for weight in weights)), np.float32)
+        bias_sums = np.zeros((len(biases), LANES * max(map(len, biases))), np.float32)
+        given = _array(images), *laid, tiles_back(weights), _array(gradient)
+        convolution_loops.backward(*given, sums, bias_sums)
+        rows = (*zip(sums, weights, strict=True), *zip(bias_sums, biases, strict=True))
+        found = [row[: LANES * array.size].reshape(-1, LANES).sum(axis=1) for row, array in rows]
+        shaped = [torch.from_numpy(one).view_as(like) for one, like in zip(found, parameters, strict=True)]
         return (None, *shaped)
 
 
@@ -105,9 +110,9 @@ def _array(tensor: Tensor) -> Array:
 
 def _features(images: Tensor, parameters: Sequence[Tensor]) -> Tensor:
     """Images `[B, H, W, C]`, and every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
-    weights, biases = _arrays(parameters)
-    features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
-    convolution_loops.forward(_array(images), weights, biases, features)
+    laid = layout(*_arrays(parameters))
+    features = np.empty((*images.shape[:3], 2 * parameters[-1].numel()), np.float32)
+    convolution_loops.forward(_array(images), *laid, features)
     return torch.from_numpy(features)
 
 
