@@ -24,7 +24,7 @@ def layout(weights: Arrays, biases: Arrays) -> Layout:
     """Return the layout of weights, each `[O, C, 4]`, and biases, each `[O]`."""
     channels = [weights[0].shape[1], *(2 * len(weight) for weight in weights)]
     offsets = np.cumsum([0, *channels])
-    return Layout(offsets, _rows(map(_tiles, weights)), _rows(np.append(bias, np.zeros(TILE, "f4")) for bias in biases))
+    return Layout(offsets, _rows(map(_tiles, weights)), _rows(biases, spare=TILE))
 
 
 def tiles_back(weights: Arrays) -> Array:
@@ -39,10 +39,10 @@ def _tiles(weight: Array) -> Array:
     return filled.reshape(-1, TILE, channels, taps).transpose(0, 2, 3, 1).ravel()
 
 
-def _rows(arrays: Iterable[Array]) -> Array:
-    """Return flat arrays as rows, the shorter ones with zeros behind."""
+def _rows(arrays: Iterable[Array], spare: int = 0) -> Array:
+    """Return flat arrays as rows with zeros behind, in the longest one at least `spare`."""
     listed = list(arrays)
-    rows = np.zeros((len(listed), max(map(len, listed))), np.float32)
+    rows = np.zeros((len(listed), max(map(len, listed)) + spare), np.float32)
     for row, array in zip(rows, listed, strict=True):
         row[: len(array)] = array
     return rows

@@ -67,7 +67,7 @@ class CReLUConvolutions(nn.Module):
     def _compiled(self, images: Tensor) -> Tensor:
         cells, parameters = images.permute(0, 2, 3, 1), (*self.weights, *self.biases)
         if not torch.is_grad_enabled():
-            return _features(cells, parameters)
+            return _features(cells, self.layout())
         features: Tensor = _Compiled.apply(cells, *parameters)  # type: ignore[no-untyped-call] # torch has no types there
         return features
 
@@ -85,7 +85,8 @@ class _Compiled(torch.autograd.Function):
     def forward(ctx: Any, images: Tensor, *parameters: Tensor) -> Tensor:
         """Images `[B, H, W, C]`, then every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
         ctx.save_for_backward(images, *parameters)
-        return _features(images, parameters)
+        ctx.layout = layout(*_arrays(parameters))
+        return _features(images, ctx.layout)
 
     @staticmethod
     @once_differentiable
@@ -93,13 +94,13 @@ class _Compiled(torch.autograd.Function):
         """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
         weights, biases = _arrays(parameters)
-        laid = layout(weights, biases)
         sums = np.zeros((len(weights), LANES * max(weight.size for weight in weights)), np.float32)
         bias_sums = np.zeros((len(biases), LANES * max(map(len, biases))), np.float32)
-        given = _array(images), *laid, tiles_back(weights), _array(gradient)
-        convolution_loops.backward(*given, sums, bias_sums)
+        laid, back = ctx.layout, tiles_back(weights)
+        convolution_loops.backward(_array(images), *laid, back, _array(gradient), sums, bias_sums)
         rows = (*zip(sums, weights, strict=True), *zip(bias_sums, biases, strict=True))
-        found = [row[: LANES * array.size].reshape(-1, LANES).sum(axis=1) for row, array in rows]
+        ones = np.ones(LANES, np.float32)
+        found = [row[: LANES * array.size].reshape(-1, LANES) @ ones for row, array in rows]
         shaped = [torch.from_numpy(one).view_as(like) for one, like in zip(found, parameters, strict=True)]
         return (None, *shaped)
 
@@ -108,10 +109,10 @@ def _array(tensor: Tensor) -> Array:
     return tensor.detach().contiguous().numpy()
 
 
-def _features(images: Tensor, parameters: Sequence[Tensor]) -> Tensor:
-    """Images `[B, H, W, C]`, and every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
-    laid = layout(*_arrays(parameters))
-    features = np.empty((*images.shape[:3], 2 * parameters[-1].numel()), np.float32)
+def _features(images: Tensor, laid: Layout) -> Tensor:
+    """Images `[B, H, W, C]` -> features `[B, H, W, 2 O]`."""
+    channels = int(laid.offsets[-1] - laid.offsets[-2])
+    features = np.empty((*images.shape[:3], channels), np.float32)
     convolution_loops.forward(_array(images), *laid, features)
     return torch.from_numpy(features)
 
