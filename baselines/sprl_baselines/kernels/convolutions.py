@@ -96,7 +96,8 @@ class _Compiled(torch.autograd.Function):
         weights, biases = _arrays(parameters)
         sums = np.zeros((len(weights), LANES * max(weight.size for weight in weights)), np.float32)
         bias_sums = np.zeros((len(biases), LANES * max(map(len, biases))), np.float32)
-        laid, back = ctx.layout, tiles_back(weights)
+        laid: Layout = ctx.layout
+        back = tiles_back(weights)
         convolution_loops.backward(_array(images), *laid, back, _array(gradient), sums, bias_sums)
         rows = (*zip(sums, weights, strict=True), *zip(bias_sums, biases, strict=True))
         ones = np.ones(LANES, np.float32)
