@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sprl_baselines.kernels import convolution_loops, dense_loops
+from sprl_baselines.kernels import dense_loops
 from sprl_baselines.kernels.compiling import Array, Arrays
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
 
@@ -80,9 +80,7 @@ class PackedGridNetwork(PackedMLP):
     ) -> None:
         super().__init__(layers, heads, "crelu")
         self._convolutions = convolutions
-        weights, biases = convolutions.arrays()
-        offsets, tiles = convolution_loops.channel_offsets(weights), convolution_loops.tiles(weights)
-        self._planes = offsets, tiles, convolution_loops.padded(biases)
+        self._layout = convolutions.layout()
 
     def __call__(self, images: Tensor) -> Tensor:
         """Images `[N, C, H, W]`, best with channels last in memory -> all heads' units `[N, U]`.
@@ -94,7 +92,7 @@ class PackedGridNetwork(PackedMLP):
         self._check(prod(images.shape[2:]) * 2 * self._convolutions.outputs[-1])
         out = np.empty((len(images), self._units), np.float32)
         cells = _array(images.permute(0, 2, 3, 1))
-        dense_loops.convolved(cells, *self._planes, self._weights, self._biases, self._activation, out)
+        dense_loops.convolved(cells, *self._layout, self._weights, self._biases, self._activation, out)
         return torch.from_numpy(out)
 
 

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from sprl_baselines.kernels.compiling import Array, Arrays, Offsets, kernel
+from sprl_baselines.kernels.compiling import Array, Offsets, kernel
+from sprl_baselines.kernels.convolution_layout import TILE
 from sprl_baselines.kernels.vectors import (
     LANES,
     add,
@@ -33,113 +34,63 @@ from sprl_baselines.kernels.vectors import (
 
 BLOCK: Final = LANES  # images at a time
 TAPS: Final = 4
-TILE: Final = 8  # outputs of a convolution at a time, each in a register of its own
 
 Sides = tuple[int, int]  # height and width of an image
 
 
 @kernel
-def forward(images: Array, weights: Arrays, biases: Arrays, features: Array) -> None:
-    """Fill `features` [B, H, W, 2 O] from `images` [B, H, W, C]; weights are [O, C, 4], biases [O]."""
-    respond(images, channel_offsets(weights), tiles(weights), padded(biases), features)
-
-
-@kernel
-def backward(
-    images: Array, weights: Arrays, biases: Arrays, gradient: Array, weight_gradients: Arrays, bias_gradients: Arrays
-) -> None:
-    """Add the gradients of the parameters, from that of the features."""
-    sides, offsets = images.shape[1:3], channel_offsets(weights)
-    there, back, starts, plane = tiles(weights), tiles_back(weights), padded(biases), plane_size(images.shape[1:3])
-    planes, gradients = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] * plane, np.float32)
-    errors, nothing = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] + TILE, np.float32)
-    sums = np.zeros((len(weights), there.shape[1] * LANES), np.float32)
-    bias_sums = np.zeros((len(weights), starts.shape[1] * LANES), np.float32)
-    for first in range(0, len(images), BLOCK):
-        _fill(images[first : first + BLOCK], offsets, there, starts, planes)
-        _pack(gradient[first : first + BLOCK], gradients[offsets[-2] * plane :])
-        for layer in range(len(weights) - 1, -1, -1):
-            before, after = offsets[layer] * plane, offsets[layer + 1] * plane
-            outputs, channels, _ = weights[layer].shape
-            _rectify_gradient(planes[after:], gradients[after:], outputs, sides, errors)
-            _correlate_gradient(planes[before:], errors, outputs, channels, sides, sums[layer])
-            _add_planes(errors, outputs, plane, bias_sums[layer])
-            if layer:
-                _correlate(errors, outputs, -1, back[layer], nothing, sides, gradients[before:], channels, False)
-    for layer in range(len(weights)):
-        _add_lanes(sums[layer], weight_gradients[layer].reshape(-1))
-        _add_lanes(bias_sums[layer], bias_gradients[layer])
-
-
-@kernel
-def respond(images: Array, offsets: Offsets, weights: Array, biases: Array, features: Array) -> None:
-    """Fill `features` from `images`, by the weights and biases of all layers as `tiles` and `padded` lay them out."""
+def forward(images: Array, offsets: Offsets, tiles: Array, starts: Array, features: Array) -> None:
+    """Fill `features` [B, H, W, 2 O] from `images` [B, H, W, C]; the rest is a `convolution_layout.Layout`."""
     plane = plane_size(images.shape[1:3])
     planes = np.zeros(offsets[-1] * plane, np.float32)
     for first in range(0, len(images), BLOCK):
-        _fill(images[first : first + BLOCK], offsets, weights, biases, planes)
+        _fill(images[first : first + BLOCK], offsets, tiles, starts, planes)
         _unpack(planes[offsets[-2] * plane :], features[first : first + BLOCK])
 
 
 @kernel
-def channel_offsets(weights: Arrays) -> Offsets:
-    """Return which plane is the first of the images, of each layer, and which would be next."""
-    offsets = np.zeros(len(weights) + 2, np.int64)
-    offsets[1] = weights[0].shape[1]
-    for layer in range(len(weights)):
-        offsets[layer + 2] = offsets[layer + 1] + 2 * len(weights[layer])
-    return offsets
+def backward(
+    images: Array,
+    offsets: Offsets,
+    tiles: Array,
+    starts: Array,
+    tiles_back: Array,
+    gradient: Array,
+    sums: Array,
+    bias_sums: Array,
+) -> None:
+    """Add the gradients of the parameters, from that of the features.
+
+    Args:
+        images: `[B, H, W, C]`.
+        offsets: Of the layout, as the next two.
+        tiles: The weights.
+        starts: The biases.
+        tiles_back: The weights for the way back.
+        gradient: Of the features, `[B, H, W, 2 O]`.
+        sums: A row for each layer, with the gradients of its weights `[O, C, 4, 8]`, in eight summands each.
+        bias_sums: A row for each layer, with the gradients of its biases `[O, 8]`.
+    """
+    sides, plane = images.shape[1:3], plane_size(images.shape[1:3])
+    planes, gradients = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] * plane, np.float32)
+    errors, nothing = np.zeros(offsets[-1] * plane, np.float32), np.zeros(offsets[-1] + TILE, np.float32)
+    for first in range(0, len(images), BLOCK):
+        _fill(images[first : first + BLOCK], offsets, tiles, starts, planes)
+        _pack(gradient[first : first + BLOCK], gradients[offsets[-2] * plane :])
+        for layer in range(len(tiles) - 1, -1, -1):
+            before, after = offsets[layer] * plane, offsets[layer + 1] * plane
+            channels, outputs = _channels(offsets, layer)
+            _rectify_gradient(planes[after:], gradients[after:], outputs, sides, errors)
+            _correlate_gradient(planes[before:], errors, outputs, channels, sides, sums[layer])
+            _add_planes(errors, outputs, plane, bias_sums[layer])
+            if layer:
+                _correlate(errors, outputs, -1, tiles_back[layer], nothing, sides, gradients[before:], channels, False)
 
 
 @kernel
-def tiles(weights: Arrays) -> Array:
-    """Return each layer's weights as `[ceil(O / 8), C, 4, 8]`, in a row with room for the largest layer's."""
-    rows = np.zeros((len(weights), _largest(weights)), np.float32)
-    for layer in range(len(weights)):
-        _lay(weights[layer], rows[layer])
-    return rows
-
-
-@kernel
-def tiles_back(weights: Arrays) -> Array:
-    """Return the same for the way of gradients, `[ceil(C / 8), O, 4, 8]`."""
-    rows = np.zeros((len(weights), _largest(weights)), np.float32)
-    for layer in range(len(weights)):
-        _lay(weights[layer].transpose(1, 0, 2).copy(), rows[layer])
-    return rows
-
-
-@kernel
-def _lay(weights: Array, row: Array) -> None:
-    """Fill a row from weights `[O, C, 4]`."""
-    outputs, channels, taps = weights.shape
-    for output in range(outputs):
-        for channel in range(channels):
-            place = ((output // TILE * channels + channel) * TAPS) * TILE + output % TILE
-            for tap in range(taps):
-                row[place + tap * TILE] = weights[output, channel, tap]
-
-
-@kernel
-def _largest(weights: Arrays) -> int:
-    """Return the numbers in the largest layer's tiles, either way."""
-    largest = 0
-    for layer in range(len(weights)):
-        outputs, channels, taps = weights[layer].shape
-        largest = max(largest, (outputs + TILE) * (channels + TILE) * taps)
-    return largest
-
-
-@kernel
-def padded(biases: Arrays) -> Array:
-    """Return the layers' biases as rows with zeros behind them, for whole tiles."""
-    most = 0
-    for layer in range(len(biases)):
-        most = max(most, len(biases[layer]))
-    rows = np.zeros((len(biases), most + TILE), np.float32)
-    for layer in range(len(biases)):
-        rows[layer, : len(biases[layer])] = biases[layer]
-    return rows
+def _channels(offsets: Offsets, layer: int) -> tuple[int, int]:
+    """Return the channels that go into a layer, and its outputs, each of which has two rectified signs."""
+    return offsets[layer + 1] - offsets[layer], (offsets[layer + 2] - offsets[layer + 1]) // 2
 
 
 @kernel
@@ -155,23 +106,14 @@ def _cell(y: int, x: int, width: int) -> int:
 
 
 @kernel
-def _fill(images: Array, offsets: Offsets, weights: Array, biases: Array, planes: Array) -> None:
+def _fill(images: Array, offsets: Offsets, tiles: Array, starts: Array, planes: Array) -> None:
     """Fill the planes with a block of images and with what each layer makes of them."""
     sides, plane = images.shape[1:3], plane_size(images.shape[1:3])
     _pack(images, planes)
-    for layer in range(len(weights)):
-        before, after, outputs = offsets[layer], offsets[layer + 1], (offsets[layer + 2] - offsets[layer + 1]) // 2
-        _correlate(
-            planes[before * plane :],
-            after - before,
-            1,
-            weights[layer],
-            biases[layer],
-            sides,
-            planes[after * plane :],
-            outputs,
-            True,
-        )
+    for layer in range(len(tiles)):
+        before, after = planes[offsets[layer] * plane :], planes[offsets[layer + 1] * plane :]
+        channels, outputs = _channels(offsets, layer)
+        _correlate(before, channels, 1, tiles[layer], starts[layer], sides, after, outputs, True)
 
 
 @kernel
@@ -192,7 +134,7 @@ def _correlate(
         planes: What is correlated.
         channels: Their number.
         sign: 1 for taps below and on the right, -1 for taps above and on the left.
-        weights: As `tiles` lays them out.
+        weights: Of one layer, as a layout has them.
         biases: One for each output of whole tiles.
         sides: Of an image.
         out: A plane for each output, or two: rectified, and negated and rectified.
@@ -299,14 +241,6 @@ def _put_taps(first: Any, second: Any, third: Any, fourth: Any, sums: Array, pla
     store(sums, place + LANES, second)
     store(sums, place + 2 * LANES, third)
     store(sums, place + 3 * LANES, fourth)
-
-
-@kernel
-def _add_lanes(sums: Array, gradients: Array) -> None:
-    """Add what the eight lanes of each sum hold."""
-    for place in range(len(gradients)):
-        for lane in range(LANES):
-            gradients[place] += sums[place * LANES + lane]
 
 
 @kernel

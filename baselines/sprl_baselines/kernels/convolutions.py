@@ -18,6 +18,8 @@ from torch.nn import functional
 
 from sprl_baselines.kernels import convolution_loops
 from sprl_baselines.kernels.compiling import Array, Arrays
+from sprl_baselines.kernels.convolution_layout import Layout, layout, tiles_back
+from sprl_baselines.kernels.vectors import LANES
 
 
 class CReLUConvolutions(nn.Module):
@@ -54,9 +56,9 @@ class CReLUConvolutions(nn.Module):
         if images.shape[1] != self.weights[0].shape[1]:
             raise ValueError(f"Channels of images is {images.shape[1]}; it must be {self.weights[0].shape[1]}.")
 
-    def arrays(self) -> tuple[Arrays, Arrays]:
-        """Return the weights, each `[O, C, 4]`, and the biases, each `[O]`, as the compiled functions take them."""
-        return _arrays((*self.weights, *self.biases))
+    def layout(self) -> Layout:
+        """Return a copy of the parameters, as the compiled functions take them."""
+        return layout(*_arrays((*self.weights, *self.biases)))
 
     def _can_compile(self, images: Tensor) -> bool:
         fit = all(one.device.type == "cpu" and one.dtype == torch.float32 for one in (images, self.weights[0]))
@@ -65,7 +67,7 @@ class CReLUConvolutions(nn.Module):
     def _compiled(self, images: Tensor) -> Tensor:
         cells, parameters = images.permute(0, 2, 3, 1), (*self.weights, *self.biases)
         if not torch.is_grad_enabled():
-            return _features(cells, parameters)
+            return _features(cells, self.layout())
         features: Tensor = _Compiled.apply(cells, *parameters)  # type: ignore[no-untyped-call] # torch has no types there
         return features
 
@@ -83,7 +85,8 @@ class _Compiled(torch.autograd.Function):
     def forward(ctx: Any, images: Tensor, *parameters: Tensor) -> Tensor:
         """Images `[B, H, W, C]`, then every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
         ctx.save_for_backward(images, *parameters)
-        return _features(images, parameters)
+        ctx.layout = layout(*_arrays(parameters))
+        return _features(images, ctx.layout)
 
     @staticmethod
     @once_differentiable
@@ -91,11 +94,15 @@ class _Compiled(torch.autograd.Function):
         """From the gradient of the features, those of the parameters, in their order and shapes."""
         images, *parameters = ctx.saved_tensors
         weights, biases = _arrays(parameters)
-        weight_gradients = tuple(np.zeros_like(weight) for weight in weights)
-        bias_gradients = tuple(np.zeros_like(bias) for bias in biases)
-        convolution_loops.backward(_array(images), weights, biases, _array(gradient), weight_gradients, bias_gradients)
-        gradients = map(torch.from_numpy, (*weight_gradients, *bias_gradients))
-        shaped = [gradient.view_as(parameter) for gradient, parameter in zip(gradients, parameters, strict=True)]
+        sums = np.zeros((len(weights), LANES * max(weight.size for weight in weights)), np.float32)
+        bias_sums = np.zeros((len(biases), LANES * max(map(len, biases))), np.float32)
+        laid: Layout = ctx.layout
+        back = tiles_back(weights)
+        convolution_loops.backward(_array(images), *laid, back, _array(gradient), sums, bias_sums)
+        rows = (*zip(sums, weights, strict=True), *zip(bias_sums, biases, strict=True))
+        ones = np.ones(LANES, np.float32)
+        found = [row[: LANES * array.size].reshape(-1, LANES) @ ones for row, array in rows]
+        shaped = [torch.from_numpy(one).view_as(like) for one, like in zip(found, parameters, strict=True)]
         return (None, *shaped)
 
 
@@ -103,11 +110,11 @@ def _array(tensor: Tensor) -> Array:
     return tensor.detach().contiguous().numpy()
 
 
-def _features(images: Tensor, parameters: Sequence[Tensor]) -> Tensor:
-    """Images `[B, H, W, C]`, and every layer's weights, then their biases -> features `[B, H, W, 2 O]`."""
-    weights, biases = _arrays(parameters)
-    features = np.empty((*images.shape[:3], 2 * len(biases[-1])), np.float32)
-    convolution_loops.forward(_array(images), weights, biases, features)
+def _features(images: Tensor, laid: Layout) -> Tensor:
+    """Images `[B, H, W, C]` -> features `[B, H, W, 2 O]`."""
+    channels = int(laid.offsets[-1] - laid.offsets[-2])
+    features = np.empty((*images.shape[:3], channels), np.float32)
+    convolution_loops.forward(_array(images), *laid, features)
     return torch.from_numpy(features)
 
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from sprl_baselines.kernels.compiling import Array, Arrays, Offsets, kernel
-from sprl_baselines.kernels.convolution_loops import respond
+from sprl_baselines.kernels.convolution_loops import forward
 from sprl_baselines.kernels.vectors import LANES, load, multiply_add, negated, rectified, spread, store, transpose
 
 ROWS: Final = 6  # at a time
@@ -48,12 +48,12 @@ def convolved(
     activation: int,
     out: Array,
 ) -> None:
-    """Fill `out` [N, U] from `images` [N, H, W, C] by `convolution_loops.respond`, and then layers."""
+    """Fill `out` [N, U] from `images` [N, H, W, C] by `convolution_loops.forward`, and then layers."""
     count, height, width, _ = images.shape
     channels = offsets[-1] - offsets[-2]
     features = height * width * channels
     inputs = np.zeros(_room(count) * features, np.float32)
-    respond(images, offsets, tiles, starts, inputs[: count * features].reshape(count, height, width, channels))
+    forward(images, offsets, tiles, starts, inputs[: count * features].reshape(count, height, width, channels))
     _layers(inputs, weights, biases, activation, out)
 
 
