@@ -8,7 +8,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from benchmarks.contenders import contender
 from benchmarks.measure import Row, compare
+from benchmarks.turns import Turn
 from sprl_bench.executors import make_executor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
@@ -23,13 +25,18 @@ def rows() -> list[Row]:
     return [
         compare(
             "two seeds of PPO, FourRooms 7x7, 2 workers",
-            lambda: _train(seeds=2, workers=2),
+            contender(training, seeds=2, workers=2),
             "twice one seed, 1 worker",
-            lambda: 2 * _train(seeds=1, workers=1),
+            contender(training, seeds=1, workers=1, counted=2),
             bar=BAR,
             repeats=REPEATS,
         )
     ]
+
+
+def training(seeds: int, workers: int, counted: int = 1) -> Turn:
+    """Return turns that train so many seeds; each step counts so many times."""
+    return lambda: counted * _train(seeds, workers)
 
 
 def _train(seeds: int, workers: int) -> int:
