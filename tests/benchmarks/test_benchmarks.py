@@ -80,7 +80,7 @@ def test_a_bonus_that_weighs_nothing_leaves_the_learner_as_it_is(agent: str) -> 
 
 def test_two_workers_train_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "BUDGET", 1_536)
-    assert workers._train(seeds=2, workers=2) == 2 * 1_536
+    assert workers.training(seeds=2, workers=2)() == 2 * 1_536
     monkeypatch.setattr(workers, "BUDGET", -1)
     with pytest.raises(ValueError, match="budget"):
-        workers._train(seeds=1, workers=1)
+        workers.training(seeds=1, workers=1)()
