@@ -53,7 +53,7 @@ def contender(build: Callable[..., Turn], **arguments: Any) -> Contender:
 def optional(module: str, package: str, build: Callable[..., Turn], **arguments: Any) -> Contender:
     """Return a contender that runs on a module, and so on the package that installs it."""
     found = importlib.util.find_spec(module) is not None
-    return Contender(build, arguments, lacks="" if found else f"{package}, which `make bench` installs")
+    return Contender(build, arguments, lacks="" if found else f"{package}: `make bench` installs it")
 
 
 class Process:

@@ -98,7 +98,7 @@ def pool(num_envs: int, num_threads: int, steps: int) -> Turn:
 def navix(num_envs: int, steps: int) -> Contender:
     """Return NAVIX in the environment that `make bench` gives it, beside the one of this interpreter."""
     python = os.environ.get("NAVIX_PYTHON", f"{sys.prefix}-navix/bin/python")
-    lacks = "" if Path(python).exists() else "Python 3.12, for which `make bench` then installs it"
+    lacks = "" if Path(python).exists() else "Python 3.12: where it runs, `make bench` installs NAVIX"
     return Contender(navix_rooms.random_steps, {"num_envs": num_envs, "steps": steps}, python, lacks)
 
 

@@ -46,7 +46,7 @@ def compare(what: str, ours: Contender, against: str, theirs: Contender, *, bar:
     """Time both contenders `repeats` times in turn, after one unmeasured turn each."""
     lacks = ours.lacks or theirs.lacks
     if lacks:
-        return Row(what, f"{against}: not measured, needs {lacks}", bar)
+        return Row(what, f"{against} (needs {lacks})", bar)
     with Process(ours) as us, Process(theirs) as them:
         us.turn(), them.turn()
         pairs = [(us.turn(), them.turn()) for _ in range(repeats)]
@@ -64,13 +64,14 @@ def table(rows: Iterable[Row]) -> str:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    rates = [_number(rate, ",.0f") for rate in (row.ours, row.theirs)]
-    peaks = [_number(peak / 1e6, ",.0f") for peak in (row.our_peak, row.their_peak)]
-    return (row.what, row.against, *rates, _number(row.ratio, ",.2f", "x"), f"{row.bar:,g}x", *peaks)
+    rates = [_whole(rate) for rate in (row.ours, row.theirs)]
+    peaks = [_whole(peak / 1e6) for peak in (row.our_peak, row.their_peak)]
+    ratio = "not measured" if isnan(row.ratio) else f"{row.ratio:,.2f}x"
+    return (row.what, row.against, *rates, ratio, f"{row.bar:,g}x", *peaks)
 
 
-def _number(value: float, form: str, unit: str = "") -> str:
-    return "-" if isnan(value) else f"{value:{form}}{unit}"
+def _whole(value: float) -> str:
+    return "-" if isnan(value) else f"{value:,.0f}"
 
 
 def _line(cells: Iterable[str], widths: Iterable[int]) -> str:

@@ -65,7 +65,7 @@ def test_what_is_not_installed_is_not_measured() -> None:
         compare("ours", theirs, "theirs", contender(broken), bar=2),
     ):
         assert row.verdict == "Not measured"
-        assert row.against == "theirs: not measured, needs no-such-package, which `make bench` installs"
+        assert row.against == "theirs (needs no-such-package: `make bench` installs it)"
     assert optional("os", "no-such-package", steady).lacks == ""
 
 
@@ -77,9 +77,9 @@ def test_a_contender_may_have_an_interpreter_of_its_own() -> None:
 def test_the_table_is_aligned_and_has_no_figure_where_nothing_was_measured() -> None:
     measured = Row("fast", "slow", 1.5, 12_345, 1000, 12.345, 250e6, 1.25e9)
     assert table([measured, Row("a", "b", 1000)]).splitlines() == [
-        "what  against  ours, steps/s  theirs, steps/s   ratio     bar  our peak, MB  their peak, MB",
-        "fast  slow            12,345            1,000  12.35x    1.5x           250           1,250",
-        "a     b                    -                -       -  1,000x             -               -",
+        "what  against  ours, steps/s  theirs, steps/s         ratio     bar  our peak, MB  their peak, MB",
+        "fast  slow            12,345            1,000        12.35x    1.5x           250           1,250",
+        "a     b                    -                -  not measured  1,000x             -               -",
     ]
 
 

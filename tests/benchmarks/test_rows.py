@@ -94,7 +94,7 @@ def test_peers_that_are_not_installed_are_named(rows: Any, monkeypatch: pytest.M
     started: list[Any] = []
     monkeypatch.setattr("benchmarks.measure.Process", _Idle(started))
     missing = [row for row in rows() if row.verdict == "Not measured"]
-    needed = {row.against.partition("needs ")[2].partition(", ")[0] for row in missing}
+    needed = {row.against.partition("(needs ")[2].partition(": ")[0] for row in missing}
     assert needed == NEEDED[rows.__module__]
     assert len(started) == 2 * (ROWS[rows.__module__] - len(missing))
 
