@@ -61,7 +61,8 @@ class Process:
 
     Attributes:
         peak: Its peak resident memory so far, in bytes, with that of the processes that it started; 0 where the system
-            does not say. Of processes that have ended since, it is what was seen every half second.
+            does not say. Everything imported counts, and so does what a peer imports of ours to have the same task.
+            Processes that have ended since count as they were seen every half second.
     """
 
     def __init__(self, contender: Contender) -> None:
