@@ -25,26 +25,26 @@ def rows() -> list[Row]:
     return [
         compare(
             "two seeds of PPO, FourRooms 7x7, 2 workers",
-            contender(training, seeds=2, workers=2),
+            contender(training, seeds=2, workers=2, budget=BUDGET),
             "twice one seed, 1 worker",
-            contender(training, seeds=1, workers=1, counted=2),
+            contender(training, seeds=1, workers=1, budget=BUDGET, counted=2),
             bar=BAR,
             repeats=REPEATS,
         )
     ]
 
 
-def training(seeds: int, workers: int, counted: int = 1) -> Turn:
-    """Return turns that train so many seeds; each step counts so many times."""
-    return lambda: counted * _train(seeds, workers)
+def training(seeds: int, workers: int, budget: int, counted: int = 1) -> Turn:
+    """Return turns that train so many seeds, `budget` env steps each; a step counts so many times."""
+    return lambda: counted * _train(seeds, workers, budget)
 
 
-def _train(seeds: int, workers: int) -> int:
+def _train(seeds: int, workers: int, budget: int) -> int:
     """Train so many seeds and return their environment steps."""
-    specs = expand(find_suite("smoke"), ["ppo"], range(seeds), budget=BUDGET)
+    specs = expand(find_suite("smoke"), ["ppo"], range(seeds), budget=budget)
     with tempfile.TemporaryDirectory() as out:
         outcomes = run_suite(specs, Path(out), executor=make_executor("local", workers))
     failed = [outcome.error for outcome in outcomes if outcome.status != "finished"]
     if failed:
         raise RuntimeError(failed[0])
-    return seeds * BUDGET
+    return seeds * budget
