@@ -5,10 +5,12 @@ VENV ?= .venv
 RUNS ?= runs
 AGENTS ?= ppo,icm,eco,gt-grid,sprl,gt-sprl,random
 WORKERS ?= $(shell nproc)
+NAVIX_BASE ?= python3.12
 
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 BENCH_READY := $(VENV)/.bench-ready
+NAVIX_READY := $(VENV)-navix/.ready
 PIP := PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
 .PHONY: run test test-long test-upstream lint types bench setup clean
@@ -46,12 +48,20 @@ lint: setup
 types: setup
 	$(BIN)/mypy
 
-bench: $(BENCH_READY) ## Speed as ratios, measured side by side; leave the machine alone meanwhile.
+bench: $(BENCH_READY) $(NAVIX_READY) ## Speed as ratios, measured side by side; leave the machine alone meanwhile.
 	$(BIN)/python -m benchmarks
 
 $(BENCH_READY): $(READY)
 	$(PIP) -e '.[bench]'
 	@touch $@
 
+# NAVIX needs Python 3.12 and another JAX than SBX, so it has an environment of its own where that interpreter runs.
+$(NAVIX_READY):
+	@if $(NAVIX_BASE) -c '' 2>/dev/null; then \
+		$(NAVIX_BASE) -m venv $(VENV)-navix && \
+		$(VENV)-navix/bin/python -m pip install -q navix==4.0.0 jax==0.12.0.1 jaxlib==0.12.0.1 flax==0.12.12 && \
+		touch $@; \
+	else echo "$(NAVIX_BASE) does not run here: NAVIX is not measured. Name one with make bench NAVIX_BASE=..."; fi
+
 clean:
-	rm -rf $(VENV) $(VENV)-upstream build dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-navix $(VENV)-upstream build dist .mypy_cache .pytest_cache .ruff_cache

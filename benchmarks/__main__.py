@@ -27,8 +27,8 @@ def main(names: list[str]) -> int:
     rows = [row for name in names or ROOMS for row in ROOMS[name]()]
     print(table(rows))
     for row in rows:
-        if not row.passed:
-            print(f"Below its bar or not measured: {row.what}, against {row.against}.")
+        if row.verdict:
+            print(f"{row.verdict}: {row.what}, against {row.against}.")
     return 0
 
 

@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
-import torch
 
 import sprl_bench  # noqa: F401 - registers the ids
-from benchmarks.learners import threads, turn_steps
-from benchmarks.measure import Contender, Row, compare, table
+from benchmarks.contenders import contender
+from benchmarks.learners import set_up_torch, threads, turn_steps
+from benchmarks.measure import Row, compare
+from benchmarks.turns import Turn
 from sprl_baselines.ppo import PPOConfig
 from sprl_bench.agents import load_factory
 
@@ -36,22 +37,18 @@ WARM_UP, TURN, REPEATS, NUM_THREADS = 40, 4, 7, 1  # updates, updates, turns
 
 def rows() -> list[Row]:
     """Measure all rows; takes about ten minutes."""
-    torch.set_flush_denormal(True)
-    torch.set_num_threads(NUM_THREADS)
     return [_against_ppo(agent, times) for agent, times in TIMES.items()]
-
-
-def main() -> None:
-    """Print the table."""
-    print(table(rows()))
 
 
 def _against_ppo(agent: str, times: float) -> Row:
     what = f"{agent}, FourRooms 7x7, {threads(NUM_THREADS)}"
-    return compare(what, _turns(agent), "ppo", _turns("ppo"), bar=round(1 / times, 3), repeats=REPEATS)
+    theirs = contender(training, agent="ppo")
+    return compare(what, contender(training, agent=agent), "ppo", theirs, bar=round(1 / times, 3), repeats=REPEATS)
 
 
-def _turns(agent: str) -> Contender:
+def training(agent: str) -> Turn:
+    """Return turns of an agent whose bonus weighs nothing."""
+    set_up_torch(NUM_THREADS)
     factory = load_factory(agent)
     settings = factory.hyperparameters("grid", SAME_STEPS[agent])  # type: ignore[attr-defined] # all of ours have presets
     envs = gymnasium.make_vec(TASK, num_envs=settings["num_envs"], num_threads=1)
@@ -66,7 +63,3 @@ def _turns(agent: str) -> Contender:
         return TURN * turn_steps(settings)
 
     return turn
-
-
-if __name__ == "__main__":
-    main()

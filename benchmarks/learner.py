@@ -1,76 +1,96 @@
-"""PPO end to end, acting and learning, against Stable-Baselines3's and against the processor's matrix products.
+"""PPO end to end on FourRooms 7x7, acting and learning, against other learners and against its matrix products.
 
-Both learners train the network of appendix D.3 on FourRooms 7x7 with the same sub-environments, rollouts, epochs,
-minibatches and number of torch threads. Each runs as its users run it: ours on the batched engine, theirs on the single
-environment in a `DummyVecEnv`.
+All learners train the network of appendix D.3 with the same sub-environments, rollouts, epochs and minibatches. Each
+runs as its users run it: ours on the batched engine, Stable-Baselines3's (torch) and SBX's (JAX) on the single
+environment in a `DummyVecEnv`. SBX shares no layers between policy and value, so it computes the network twice.
 
 Our learner computes an observation that repeats within a minibatch once, so its rate falls as the policy learns to
-waste fewer steps. Hence a row in which no observation ever repeats: the least that a policy can make of it.
+waste fewer steps. Hence the rows in which no observation ever repeats: the least that a policy can make of it.
 """
 
 from __future__ import annotations
 
-import importlib.util
 from math import prod
 from typing import Any
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
-import torch
 from gymnasium.vector import VectorEnv, VectorWrapper
-from torch import nn
-from torch.nn import functional
 
 import sprl_bench  # noqa: F401 - registers the ids
-from benchmarks.learners import our_ppo, sb3_ppo, threads, turn_steps
-from benchmarks.measure import Contender, Row, compare, missing, table
+from benchmarks.appendix_network import CELLS, CONVOLUTIONS, UNITS, flax_network, torch_network
+from benchmarks.contenders import contender, optional
+from benchmarks.learners import minibatch_size, our_ppo, sb3_ppo, sbx_ppo, set_up_torch, threads, turn_steps
+from benchmarks.measure import Row, compare
+from benchmarks.products import flops, multiplier
+from benchmarks.turns import Turn
 from sprl_baselines.agents import ppo
-from sprl_baselines.learning.networks import LARGEST_CODES
 
 TASK = "SPRL/FourRooms-7x7-v1"
 SETTINGS = ppo.hyperparameters("grid", {})
-BAR, SHARE_OF_LIMIT = 4, 0.35
+SB3_BAR, SBX_BAR = 4, 2
+LIMIT_BARS = {1: 0.55, 2: 0.45}  # by number of threads
 REPEATS = 5
 
 # Multiplications and additions for one observation: three convolutions, the wide layer, the two heads.
-CELLS, UNITS, ACTIONS = 7 * 7, 512, 7
-CONVOLUTIONS = ((3, 16), (32, 8), (16, 8))  # channels in and out, each with a 2x2 kernel
+ACTIONS = 7
+WIDE = (minibatch_size(SETTINGS), CELLS * 16, UNITS)  # the wide layer's product, which is nearly all
 FORWARD = 2 * (CELLS * sum(4 * prod(pair) for pair in CONVOLUTIONS) + CELLS * 16 * UNITS + 2 * UNITS * (ACTIONS + 1))
 WORK_PER_STEP = FORWARD * (1 + 3 * SETTINGS["epochs"])  # act once; a gradient costs three times a forward pass
 
 
 def rows() -> list[Row]:
     """Measure all rows; takes a few minutes."""
-    torch.set_flush_denormal(True)
-    against = [_against_sb3(count) for count in (1, 2)]
-    return [*against, _against_sb3(1, repeats_observations=False), *(_against_the_limit(count) for count in (1, 2))]
+    return [
+        *(_against_sb3(num_threads, repeating=True) for num_threads in (1, 2)),
+        _against_sb3(1, repeating=False),
+        *(_against_sbx(num_threads) for num_threads in (1, 2)),
+        *(_against_the_limit(num_threads) for num_threads in LIMIT_BARS),
+    ]
 
 
-def main() -> None:
-    """Print the table."""
-    print(table(rows()))
+def _what(num_threads: int, *, repeating: bool) -> str:
+    return f"PPO, FourRooms 7x7, {threads(num_threads)}" + ("" if repeating else ", no observation repeats")
 
 
-def _against_sb3(num_threads: int, *, repeats_observations: bool = True) -> Row:
-    what = f"PPO, FourRooms 7x7, {threads(num_threads)}" + ("" if repeats_observations else ", no observation repeats")
-    against = f"Stable-Baselines3 on DummyVecEnv, {threads(num_threads)}"
-    if importlib.util.find_spec("stable_baselines3") is None:
-        return missing(what, against, bar=BAR)
-    ours = _ours(num_threads, repeats_observations=repeats_observations)
-    return compare(what, ours, against, _sb3(num_threads), bar=BAR, repeats=REPEATS)
+def _against_sb3(num_threads: int, *, repeating: bool) -> Row:
+    return compare(
+        _what(num_threads, repeating=repeating),
+        contender(ours, num_threads=num_threads, repeating=repeating),
+        f"Stable-Baselines3, DummyVecEnv, {threads(num_threads)}",
+        optional("stable_baselines3", "stable-baselines3", sb3, num_threads=num_threads),
+        bar=SB3_BAR,
+        repeats=REPEATS,
+    )
+
+
+def _against_sbx(num_threads: int) -> Row:
+    return compare(
+        _what(num_threads, repeating=True),
+        contender(ours, num_threads=num_threads, repeating=True),
+        f"SBX (JAX), DummyVecEnv, {threads(num_threads)}",
+        optional("sbx", "sbx-rl", sbx, num_threads=num_threads),
+        bar=SBX_BAR,
+        repeats=REPEATS,
+    )
 
 
 def _against_the_limit(num_threads: int) -> Row:
-    what = f"PPO, FourRooms 7x7, {threads(num_threads)}, no observation repeats"
-    against = f"the matrix products that every step needs, {WORK_PER_STEP / 1e6:.1f} MFLOP"
-    ours = _ours(num_threads, repeats_observations=False)
-    return compare(what, ours, against, _products(num_threads), bar=SHARE_OF_LIMIT, repeats=REPEATS)
+    return compare(
+        _what(num_threads, repeating=False),
+        contender(ours, num_threads=num_threads, repeating=False),
+        f"the matrix products that every step needs, {WORK_PER_STEP / 1e6:.1f} MFLOP, {threads(num_threads)}",
+        contender(products, num_threads=num_threads),
+        bar=LIMIT_BARS[num_threads],
+        repeats=REPEATS,
+    )
 
 
-def _ours(num_threads: int, *, repeats_observations: bool) -> Contender:
+def ours(num_threads: int, repeating: bool) -> Turn:
+    """Return turns of our learner, with observations that repeat or without."""
     envs: VectorEnv[Any, Any, Any] = gymnasium.make_vec(TASK, num_envs=SETTINGS["num_envs"], num_threads=1)
-    return our_ppo(envs if repeats_observations else Numbered(envs), SETTINGS, num_threads)
+    return our_ppo(envs if repeating else Numbered(envs), SETTINGS, num_threads)
 
 
 class Numbered(VectorWrapper[Any, Any, Any]):
@@ -99,45 +119,28 @@ class Numbered(VectorWrapper[Any, Any, Any]):
         return observations
 
 
-def _sb3(num_threads: int) -> Contender:
-    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor  # noqa: PLC0415 - optional
-
-    class AppendixNetwork(BaseFeaturesExtractor):  # type: ignore[misc,unused-ignore]  # untyped where it is not installed
-        """The same layers in the plainest form; SB3 hands over images with their channels first."""
-
-        def __init__(self, space: gymnasium.spaces.Box) -> None:
-            super().__init__(space, 2 * UNITS)
-            self.scale = nn.Parameter(torch.tensor(LARGEST_CODES).view(1, 3, 1, 1).float(), requires_grad=False)
-            self.convolutions = nn.ModuleList(nn.Conv2d(*pair, 2) for pair in CONVOLUTIONS)
-            self.wide = nn.Linear(CELLS * 16, UNITS)
-
-        def forward(self, images: torch.Tensor) -> torch.Tensor:
-            """`[B, 3, 7, 7]` -> `[B, 1024]`."""
-            images = images / self.scale
-            for convolution in self.convolutions:
-                images = convolution(functional.pad(images, (0, 1, 0, 1)))
-                images = torch.relu(torch.cat((images, -images), dim=1))
-            responses = self.wide(images.flatten(1))
-            return torch.relu(torch.cat((responses, -responses), dim=1))
-
-    network = {"features_extractor_class": AppendixNetwork, "net_arch": [], "normalize_images": False}
-    return sb3_ppo(lambda: gymnasium.make(TASK), "CnnPolicy", network, SETTINGS, num_threads)
+def sb3(num_threads: int) -> Turn:
+    """Return turns of Stable-Baselines3's learner."""
+    network = {"features_extractor_class": torch_network(), "net_arch": [], "normalize_images": False}
+    return sb3_ppo(_single, "CnnPolicy", network, SETTINGS, num_threads)
 
 
-def _products(num_threads: int) -> Contender:
+def sbx(num_threads: int) -> Turn:
+    """Return turns of SBX's learner."""
+    return sbx_ppo(_single, lambda: {"features_extractor_class": flax_network(), "net_arch": []}, SETTINGS, num_threads)
+
+
+def _single() -> gymnasium.Env[Any, Any]:
+    return gymnasium.make(TASK)
+
+
+def products(num_threads: int) -> Turn:
     """Return nothing but the widest layer's product, as often as one turn's arithmetic asks for."""
-    batch = turn_steps(SETTINGS) // SETTINGS["minibatches"]
-    left, right = torch.randn(batch, CELLS * 16), torch.randn(CELLS * 16, UNITS)
-    times = round(turn_steps(SETTINGS) * WORK_PER_STEP / (2 * batch * CELLS * 16 * UNITS))
+    set_up_torch(num_threads)
+    multiply = multiplier([WIDE] * round(turn_steps(SETTINGS) * WORK_PER_STEP / flops([WIDE])))
 
     def turn() -> int:
-        torch.set_num_threads(num_threads)
-        for _ in range(times):
-            left @ right
+        multiply()
         return turn_steps(SETTINGS)
 
     return turn
-
-
-if __name__ == "__main__":
-    main()

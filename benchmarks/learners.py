@@ -1,4 +1,4 @@
-"""Two contenders that act and learn: our PPO, and Stable-Baselines3's with the same settings.
+"""Contenders that act and learn: our PPO, Stable-Baselines3's and SBX's with the same settings.
 
 A turn is one rollout and one update.
 """
@@ -12,10 +12,12 @@ import gymnasium
 import torch
 from gymnasium.vector import VectorEnv
 
-from benchmarks.measure import Contender
+from benchmarks.jax_cores import limit_jax
+from benchmarks.turns import Turn
 from sprl_baselines.agents import ppo
 
 Settings = Mapping[str, Any]
+Maker = Callable[[], gymnasium.Env[Any, Any]]
 
 
 def turn_steps(settings: Settings) -> int:
@@ -24,41 +26,66 @@ def turn_steps(settings: Settings) -> int:
     return steps
 
 
+def minibatch_size(settings: Settings) -> int:
+    """Return the samples of a gradient step."""
+    size: int = turn_steps(settings) // settings["minibatches"]
+    return size
+
+
 def threads(count: int) -> str:
-    """Return how a row names a number of torch threads."""
+    """Return how a row names a number of threads."""
     return f"{count} thread" + "s" * (count > 1)
 
 
-def our_ppo(envs: VectorEnv[Any, Any, Any], settings: Settings, num_threads: int) -> Contender:
+def set_up_torch(num_threads: int) -> None:
+    """Set torch up as the harness does, for everyone that uses it."""
+    torch.set_num_threads(num_threads)
+    torch.set_flush_denormal(True)
+
+
+def our_ppo(envs: VectorEnv[Any, Any, Any], settings: Settings, num_threads: int) -> Turn:
     """Return turns of our learner."""
+    set_up_torch(num_threads)
     envs.reset(seed=0)
     updates = ppo(seed=0, **settings).train(envs, budget=10**9)
 
     def turn() -> int:
-        torch.set_num_threads(num_threads)
         next(updates)
         return turn_steps(settings)
 
     return turn
 
 
-def sb3_ppo(
-    make: Callable[[], gymnasium.Env[Any, Any]],
-    policy: str,
-    policy_kwargs: Mapping[str, Any],
-    settings: Settings,
-    num_threads: int,
-) -> Contender:
-    """Return turns of Stable-Baselines3's learner on its `DummyVecEnv`, with the settings that both know."""
+def sb3_ppo(make: Maker, policy: str, policy_kwargs: Settings, settings: Settings, num_threads: int) -> Turn:
+    """Return turns of Stable-Baselines3's learner on its `DummyVecEnv`."""
+    set_up_torch(num_threads)
     from stable_baselines3 import PPO  # noqa: PLC0415 - optional
-    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415 - an extra
 
-    model = PPO(
+    return _stable_baselines_ppo(PPO, make, policy, policy_kwargs, settings)
+
+
+def sbx_ppo(make: Maker, network: Callable[[], Settings], settings: Settings, num_threads: int) -> Turn:
+    """Return turns of SBX's learner, which is Stable-Baselines3's in JAX; policy and value share no layers there.
+
+    The network is made by a function, so that JAX is imported after it has been limited.
+    """
+    limit_jax(num_threads)
+    set_up_torch(num_threads)
+    from sbx import PPO  # noqa: PLC0415 - optional
+
+    return _stable_baselines_ppo(PPO, make, "MlpPolicy", network(), settings)
+
+
+def _stable_baselines_ppo(learner: Any, make: Maker, policy: str, policy_kwargs: Settings, settings: Settings) -> Turn:
+    """Return turns of a learner with Stable-Baselines3's interface, with the settings that both it and ours know."""
+    from stable_baselines3.common.vec_env import DummyVecEnv  # noqa: PLC0415 - optional
+
+    model = learner(
         policy,
         DummyVecEnv([make] * settings["num_envs"]),
         learning_rate=settings["learning_rate"],
         n_steps=settings["rollout_length"],
-        batch_size=turn_steps(settings) // settings["minibatches"],
+        batch_size=minibatch_size(settings),
         n_epochs=settings["epochs"],
         gamma=settings["gamma"],
         gae_lambda=settings["gae_lambda"],
@@ -71,7 +98,6 @@ def sb3_ppo(
     )
 
     def turn() -> int:
-        torch.set_num_threads(num_threads)
         model.learn(turn_steps(settings), reset_num_timesteps=False)
         return turn_steps(settings)
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from benchmarks.contenders import contender
 from benchmarks.measure import Row, compare
+from benchmarks.turns import Turn
 from sprl_bench.executors import make_executor
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
@@ -23,21 +25,26 @@ def rows() -> list[Row]:
     return [
         compare(
             "two seeds of PPO, FourRooms 7x7, 2 workers",
-            lambda: _train(seeds=2, workers=2),
+            contender(training, seeds=2, workers=2, budget=BUDGET),
             "twice one seed, 1 worker",
-            lambda: 2 * _train(seeds=1, workers=1),
+            contender(training, seeds=1, workers=1, budget=BUDGET, counted=2),
             bar=BAR,
             repeats=REPEATS,
         )
     ]
 
 
-def _train(seeds: int, workers: int) -> int:
-    """Train these seeds and return their environment steps."""
-    specs = expand(find_suite("smoke"), ["ppo"], range(seeds), budget=BUDGET)
+def training(seeds: int, workers: int, budget: int, counted: int = 1) -> Turn:
+    """Return turns that train so many seeds, `budget` env steps each; a step counts so many times."""
+    return lambda: counted * _train(seeds, workers, budget)
+
+
+def _train(seeds: int, workers: int, budget: int) -> int:
+    """Train so many seeds and return their environment steps."""
+    specs = expand(find_suite("smoke"), ["ppo"], range(seeds), budget=budget)
     with tempfile.TemporaryDirectory() as out:
         outcomes = run_suite(specs, Path(out), executor=make_executor("local", workers))
     failed = [outcome.error for outcome in outcomes if outcome.status != "finished"]
     if failed:
         raise RuntimeError(failed[0])
-    return seeds * BUDGET
+    return seeds * budget

@@ -78,9 +78,7 @@ def test_a_bonus_that_weighs_nothing_leaves_the_learner_as_it_is(agent: str) -> 
         assert torch.equal(ours, theirs)
 
 
-def test_two_workers_train_two_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "BUDGET", 1_536)
-    assert workers._train(seeds=2, workers=2) == 2 * 1_536
-    monkeypatch.setattr(workers, "BUDGET", -1)
+def test_two_workers_train_two_seeds() -> None:
+    assert workers.training(seeds=2, workers=2, budget=1_536, counted=3)() == 3 * 2 * 1_536
     with pytest.raises(ValueError, match="budget"):
-        workers._train(seeds=1, workers=1)
+        workers.training(seeds=1, workers=1, budget=-1)()

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 from gymnasium.utils import seeding
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sprl_bench.envs import compiled
 from sprl_bench.envs.streams import STREAM_LIMBS, fill_doubles, from_generator, seed_streams, to_generator
 
 seeds = st.one_of(st.integers(0, 2**33), st.integers(0, 2**128), st.integers(0, 2**300))
@@ -52,32 +48,3 @@ def test_only_the_named_rows_are_seeded() -> None:
     np.testing.assert_array_equal(streams[2], from_generator(np.random.default_rng(7)))
     np.testing.assert_array_equal(streams[0], from_generator(np.random.default_rng(8)))
     assert not streams[[1, 3]].any()
-
-
-def test_the_cache_of_a_kernel_is_named_after_all_its_sources(tmp_path: Path) -> None:
-    """Editing the layouts must not leave a stale kernel behind, so its name changes with any file of its folder.
-
-    And with any of the engine's, whose functions the kernels of other folders call.
-    """
-    (tmp_path / "layouts.py").write_text("gap = 1")
-    before = compiled.sources(tmp_path)
-    (tmp_path / "layouts.py").write_text("gap = 2")
-    compiled.sources.cache_clear()
-    after = compiled.sources(tmp_path)
-    assert after != before
-    assert after != compiled.sources(tmp_path / "empty") == compiled.sources(Path(compiled.__file__).parent)
-    assert fill_doubles.py_func.__qualname__.endswith(compiled.sources(Path(compiled.__file__).parent))
-
-
-def test_without_a_folder_to_cache_in_kernels_still_compile(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bool] = []
-
-    def njit(cache: bool = False, nogil: bool = False):
-        asked.append(cache)
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return lambda function: function
-
-    monkeypatch.setattr(compiled, "njit", njit)
-    assert compiled.kernel(lambda: 3)() == 3
-    assert asked == [True, False]

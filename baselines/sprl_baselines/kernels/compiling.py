@@ -1,28 +1,24 @@
-"""How kernels are compiled: to machine code for this processor, kept on disk where a folder can be written."""
+"""How the kernels of the learner are compiled: sums may be taken in any order, the same one every time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final, TypeVar, cast
+from pathlib import Path
+from typing import Any, Final, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from sprl_bench.numba_cache import compile_cached
 
 Array = NDArray[np.float32]
 Arrays = tuple[Array, ...]
 Offsets = NDArray[np.int64]
-F = TypeVar("F", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., Any])
 
-FAST_MATH: Final = {"contract", "nsz", "reassoc"}  # sums may be taken in any order, the same one every time
+FAST_MATH: Final = {"contract", "nsz", "reassoc"}
 
 
-def kernel(function: F) -> F:
-    """Compile to machine code, kept on disk where a folder can be written.
-
-    Numba's cache watches the file of the function alone: after a change to `vectors`, delete what is cached.
-    """
-    try:
-        return cast(F, njit(cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
-    except RuntimeError:
-        return cast(F, njit(nogil=True, error_model="numpy", fastmath=FAST_MATH)(function))
+def kernel(function: Function) -> Function:
+    """Compile `function`; it is made of the sources in this folder."""
+    return compile_cached(function, Path(__file__).parent, error_model="numpy", fastmath=FAST_MATH)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 from torch import Tensor, nn
 
-from sprl_baselines.kernels.acting import PackedGridNetwork, PackedMLP
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
+from sprl_baselines.kernels.packed_networks import PackedGridNetwork, PackedMLP
 from sprl_baselines.learning.networks import ActorCritic
 
 Acting = Callable[[Tensor], tuple[Tensor, Tensor | None]]

@@ -12,6 +12,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from sprl_baselines.kernels.scans import sums_forward
+
 
 class RunningVariance:
     """The population variance of all values seen so far, updated batch by batch (Chan et al. 1983)."""
@@ -74,10 +76,9 @@ class RewardNormalizer:
 
     def _discounted_sums(self, rewards: Tensor, ended: Tensor) -> Tensor:
         """Return each step's discounted sum of rewards so far in its episode, `[T, N]`."""
-        sums = torch.empty_like(rewards)
-        for step, reward in enumerate(rewards):
-            sums[step] = self._gamma * self._sums + reward
-            self._sums = sums[step].masked_fill(ended[step], 0.0)
+        follows = torch.cat((torch.ones_like(ended[:1]), ~ended[:-1]))  # whether the step before is of the same episode
+        sums = sums_forward(rewards, self._gamma * follows.double(), self._sums)
+        self._sums = sums[-1].masked_fill(ended[-1], 0.0)
         return sums
 
     def state_dict(self) -> dict[str, Any]:

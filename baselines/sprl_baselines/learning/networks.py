@@ -16,6 +16,7 @@ from torch.nn import functional
 from torch.nn.utils import skip_init
 
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
+from sprl_baselines.kernels.rectified_heads import rectified_linear
 from sprl_baselines.learning.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.learning.grids import GRIDS, grid_shape
 from sprl_baselines.learning.observations import RAW, View
@@ -66,9 +67,17 @@ class ActorCritic(nn.Module):
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the parameters of the action distributions `[B, A]`, and the values `[B]`, of B observations."""
         seen = self.view(observations)
-        features = self.policy_trunk(seen)
-        value_features = features if self.shared else self.value_trunk(seen)
+        if self.shared:
+            return self._heads_of_one_trunk(seen)
+        features, value_features = self.policy_trunk(seen), self.value_trunk(seen)
         return self.head(features), self.value(value_features).squeeze(-1)
+
+    def _heads_of_one_trunk(self, seen: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute both heads at once, straight from the responses that the trunk's last rectifier takes."""
+        responses, policy, value = self.policy_trunk[:-1](seen), self.head.linear, self.value
+        weight, bias = torch.cat((policy.weight, value.weight)), torch.cat((policy.bias, value.bias))
+        units = rectified_linear(responses, weight, bias)
+        return self.head.normalized(units[:, :-1]), units[:, -1]
 
     def values(self, observations: Tensor) -> Tensor:
         """Return the values only, `[B]`."""

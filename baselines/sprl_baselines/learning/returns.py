@@ -5,6 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from sprl_baselines.kernels.scans import sums_backward
+
 
 def generalized_advantages(
     rewards: Tensor,
@@ -37,10 +39,7 @@ def generalized_advantages(
     valueless = terminated if bootstrap_on_truncation else ended
     errors = rewards + gamma * next_values.masked_fill(valueless, 0.0) - values
     carry = (gamma * gae_lambda) * (~ended).to(errors.dtype)
-    advantages = errors  # filled from the last step backwards, in place
-    for step in range(len(errors) - 2, -1, -1):
-        advantages[step].addcmul_(carry[step], advantages[step + 1])
-    return advantages
+    return sums_backward(errors, carry)
 
 
 def successor_values(values: Tensor, last_values: Tensor, ended: Tensor, final_values: Tensor) -> Tensor:

@@ -80,7 +80,7 @@ def test_only_flat_observations_can_be_normalised() -> None:
     assert isinstance(view_of(grid, normalize=False, clip=5.0), RawObservations)
     with pytest.raises(ValueError, match="normalize_observations is True; it must be False where observations are in"):
         view_of(grid, normalize=True, clip=5.0)
-    with pytest.raises(ValueError, match="stack is 2; it must be 0 with normalize_observations"):
+    with pytest.raises(ValueError, match="stack is 2; it must be 0 where normalize_observations is true"):
         ppo(seed=0, **NORMALIZED, stack=2)
 
 

@@ -12,8 +12,8 @@ from hypothesis import example, given
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sprl_baselines.kernels.acting import PackedGridNetwork, PackedMLP
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
+from sprl_baselines.kernels.packed_networks import PackedGridNetwork, PackedMLP
 
 
 def seeded(seed: int = 0) -> torch.Generator:
@@ -125,7 +125,7 @@ def test_rows_of_another_width_are_refused() -> None:
 
 @pytest.mark.parametrize(
     ("shape", "message"),
-    [((2, 4, 7, 7), r"The images have 4 channels; they need 3\."), ((2, 3, 7, 8), "896 features; they need 784")],
+    [((2, 4, 7, 7), r"Channels of images is 4; it must be 3\."), ((2, 3, 7, 8), "896 features; they need 784")],
 )
 def test_images_of_another_shape_are_refused(shape: tuple[int, ...], message: str) -> None:
     network = PackedGridNetwork(CReLUConvolutions(3, (16, 8, 8), 1.0, seeded()), linears((784, 16)), heads(32, (7,)))
