@@ -26,7 +26,7 @@ $(READY): pyproject.toml constraints.txt
 	@touch $@
 
 run: setup ## Train the reference agents on the smoke suite and print the table.
-	$(BIN)/sprl-bench run --suite smoke --agents $(AGENTS) --seeds 2 --out $(RUNS) --workers $(WORKERS)
+	$(BIN)/sprl-bench run --suite smoke --agents $(AGENTS) --seeds 1 --out $(RUNS) --workers $(WORKERS)
 
 test: setup ## All tests but the long versions of some.
 	OMP_NUM_THREADS=1 SDL_VIDEODRIVER=dummy $(BIN)/python -m pytest -n $(WORKERS) -m 'not slow'

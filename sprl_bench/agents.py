@@ -33,7 +33,8 @@ class Agent(Protocol):
         """Train in `envs`, which are already seeded, and yield metrics after each update.
 
         The harness stops the loop once `budget` environment steps are taken; a schedule may rely on that number. The
-        harness writes the metrics `env_steps` and `wall_time_s` itself: an agent's of these names are left out.
+        harness writes the metrics `env_steps`, `wall_time_s`, `return` and `success` itself: an agent's of these names
+        are left out.
         """
         ...
 

@@ -80,6 +80,13 @@ def _news(outcome: Outcome) -> str:
     return f"{outcome.status}: {_label(outcome.spec)}{error}"
 
 
+def learning(state: RunState) -> str:
+    """Return "return 0.52, success 0.60" for the episodes that ended lately, or nothing if none did."""
+    if state.mean_return is None:
+        return ""
+    return f"return {state.mean_return:.2f}, success {state.success:.2f}"
+
+
 class PlainProgress(Observer):
     """A line every ten seconds, and one for each run that ends."""
 
@@ -97,7 +104,8 @@ class PlainProgress(Observer):
     def _work(self) -> None:
         while not self._end.wait(self._every_s):
             self._overview.look()
-            self._print(self._overview.summary())
+            runs = [f"{_label(state.spec)}: {learning(state)}" for state in self._overview.running if learning(state)]
+            self._print("; ".join([self._overview.summary(), *runs]))
 
     def ended(self, outcome: Outcome) -> None:
         """Print the end of a run."""
@@ -150,6 +158,7 @@ class LiveProgress(Observer):
                 ProgressBar(total=state.spec.task.budget, completed=state.env_steps, width=24),
                 Text(f"{state.steps_per_second:,.0f} steps/s"),
                 Text(f"{duration(state.seconds_left)} left"),
+                Text(learning(state)),
             )
         whole = ProgressBar(total=overview.budget, completed=overview.env_steps)
         return Group(runs, whole, Text(overview.summary()))

@@ -134,6 +134,7 @@ class _Session:
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
         self._metrics = opened.enter_context((folder / METRICS).open("ab"))
+        self._reported = 0  # episodes in the means of earlier lines
 
     def restore(self) -> None:
         """Continue from the checkpoint, if there is one and this run can; else begin with empty metrics."""
@@ -150,7 +151,7 @@ class _Session:
         except (KeyError, ValueError) as error:
             raise other_build(path, error) from None
         self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
-        self._earlier_s = state["wall_time_s"]
+        self._earlier_s, self._reported = state["wall_time_s"], self._envs.episode_log.num_logged
         self._provenance = self._provenance.continuing(state["provenance"])
         logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
 
@@ -173,14 +174,21 @@ class _Session:
     def report(self, metrics: Mapping[str, float]) -> None:
         """Append one line of diagnostics; a number that is not finite is written as null.
 
-        The harness writes `env_steps` and `wall_time_s`: an agent's metrics of these names are left out.
+        The harness writes `env_steps`, `wall_time_s`, `return` and `success`. An agent's metrics of these names are
+        left out.
         """
         numbers = {name: float(value) for name, value in metrics.items()}
-        own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3)}
+        own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3), **self._recent()}
         finite = {name: value if math.isfinite(value) else None for name, value in numbers.items() if name not in own}
         line = own | finite
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
+
+    def _recent(self) -> dict[str, float | None]:
+        """Return the mean return and success of the episodes that ended since the last line, None if none did."""
+        ended = self._envs.episode_log.logged_since(self._reported)
+        self._reported += len(ended)
+        return {name: float(ended[name].mean()) if len(ended) else None for name in ("return", "success")}
 
     def save(self) -> bool:
         """Write a checkpoint if the run is resumable, and return whether it is."""

@@ -96,7 +96,7 @@ def _fetch(task: str, budget: int | None = None, **arguments: int | float) -> Ta
 _GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
 _GRID_11X11 = (_grid("FourRooms-11x11", 2_000_000), _grid("KeyDoors-11x11", 5_000_000))
 _FETCH_SUBSTEPS = {"Reach": 3, "Push": 8, "Slide": 10, "PickAndPlace": 10}  # appendix A.5
-_SMOKE = replace(_grid("FourRooms-7x7", 20_000), max_num_envs=None)  # not a benchmark
+_SMOKE = replace(_grid("FourRooms-7x7", 100_000), max_num_envs=None)  # not a benchmark
 
 _ROWS = (
     Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
@@ -113,7 +113,7 @@ _ROWS = (
             for task, substep in _FETCH_SUBSTEPS.items()
         ),
     ),
-    Suite("smoke", 1, (_SMOKE,)),
+    Suite("smoke", 2, (_SMOKE,)),
 )
 # The order matters: a run that names no suite belongs to the first one that holds its task.
 SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _ROWS})

@@ -37,7 +37,7 @@ def synthetic_record(
     privileged: bool = False,
     hyperparameters: dict[str, Any] | None = None,
     task_changes: dict[str, Any] | None = None,
-    suite_version: int = 1,
+    suite_version: int | None = None,
     **changes: Any,
 ) -> RunRecord:
     """Return a run whose curve is `curve`, or `level` everywhere."""
@@ -46,7 +46,7 @@ def synthetic_record(
     chosen = {"learning_rate": 0.001} if hyperparameters is None else hyperparameters
     spec = RunSpec(
         suite=suite,
-        suite_version=suite_version,
+        suite_version=SUITES[suite].version if suite_version is None else suite_version,
         task=task_spec,
         agent=agent,
         source=f"made_up:{agent}",

@@ -101,7 +101,9 @@ def test_a_run_writes_its_record_episodes_and_metrics(uninterrupted: Path) -> No
     assert record.return_curve == tuple(scores.curve(table["stamp"], table["return"], BUDGET).tolist())
     assert record.totals.env_steps == BUDGET
     assert [line["env_steps"] for line in lines(uninterrupted)] == [*range(60, BUDGET, 60), 1002]
-    assert lines(uninterrupted)[3] == {"env_steps": 240, "updates": 4.0, "loss": None}
+    assert lines(uninterrupted)[3] == {
+        "env_steps": 240, "return": None, "success": None, "updates": 4.0, "loss": None
+    }  # fmt: skip
     assert record.wall_time_s > 0
     assert record.peak_memory_mib > 10
 
@@ -475,3 +477,23 @@ def test_resuming_is_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> N
     with caplog.at_level(logging.INFO, "sprl_bench"):
         run(make_spec(), tmp_path)
     assert "continues after 300 env steps" in caplog.text
+
+
+def test_each_line_of_metrics_has_the_means_of_the_episodes_since_the_line_before(tmp_path: Path) -> None:
+    """Interrupted or not, each episode is in one line, and the weighted means are the record's own."""
+    whole, parts = make_spec(), make_spec()
+    run(whole, tmp_path / "whole")
+    with pytest.raises(InterruptedRunError):
+        run(parts, tmp_path / "parts", stop=after(2))
+    run(parts, tmp_path / "parts")
+    found, again = lines(whole.path(tmp_path / "whole")), lines(parts.path(tmp_path / "parts"))
+    assert [(line["return"], line["success"]) for line in found] == [(one["return"], one["success"]) for one in again]
+    ended = episodes(whole.path(tmp_path / "whole"))
+    before = 0
+    for line in found:
+        rows = [n for n, stamp in enumerate(ended["stamp"]) if before < stamp <= line["env_steps"]]
+        before = line["env_steps"]
+        for name in ("return", "success"):
+            expected = float(np.mean([ended[name][row] for row in rows])) if rows else None
+            assert line[name] == (None if expected is None else pytest.approx(expected))
+    assert any(line["return"] is not None for line in found)

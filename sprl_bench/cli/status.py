@@ -39,11 +39,13 @@ def _summary(states: Sequence[RunState]) -> list[str]:
 
 
 def _progress(state: RunState) -> str:
-    from sprl_bench.progress import duration
+    from sprl_bench.progress import duration, learning
 
     spec = state.spec
-    speed = f", {state.steps_per_second:,.0f} steps/s, {duration(state.seconds_left)} left"
-    return (
-        f"{state.status:<11}  {spec.path(Path())}  "
-        f"{state.env_steps:,} of {spec.task.budget:,} environment steps{speed if state.status == 'running' else ''}"
-    )
+    speed = f"{state.steps_per_second:,.0f} steps/s, {duration(state.seconds_left)} left"
+    parts = [
+        f"{state.env_steps:,} of {spec.task.budget:,} environment steps",
+        speed if state.status == "running" else "",
+        learning(state),
+    ]
+    return f"{state.status:<11}  {spec.path(Path())}  {', '.join(part for part in parts if part)}"

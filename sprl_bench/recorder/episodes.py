@@ -178,6 +178,15 @@ class EpisodeLog:
         self._forget(envs)
         self._over[envs] = False
 
+    @property
+    def num_logged(self) -> int:
+        """How many episodes have been logged."""
+        return self._count
+
+    def logged_since(self, number: int) -> npt.NDArray[Any]:
+        """Return all logged episodes but the first `number`, in the order in which they were logged."""
+        return self._rows[number : self._count].copy()
+
     def state_dict(self) -> dict[str, Any]:
         """Return all that later records depend on."""
         rows = self._rows[: self._count]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -12,6 +13,9 @@ from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, is_locked
 
 TAIL_BYTES: Final = 1 << 15
+
+
+Status = Literal["finished", "running", "interrupted", "failed", "waiting"]
 
 
 @dataclass(frozen=True)
@@ -24,13 +28,17 @@ class RunState:
         env_steps: Taken so far.
         steps_per_second: Over the last lines of its metrics; 0 if no process works on it.
         seconds_left: At that speed; None if unknown.
+        mean_return: Of the episodes that ended lately, as the recorder saw them; None if none did.
+        success: The share of these that were successful.
     """
 
     spec: RunSpec
-    status: Literal["finished", "running", "interrupted", "failed", "waiting"]
+    status: Status
     env_steps: int
     steps_per_second: float
     seconds_left: float | None
+    mean_return: float | None = None
+    success: float | None = None
 
 
 def survey(out: Path) -> list[RunState]:
@@ -56,13 +64,13 @@ def state_of(spec: RunSpec, out: Path) -> RunState:
             return RunState(spec, "finished", record.totals.env_steps, 0.0, 0.0)
         if not (folder / METRICS).exists():
             return RunState(spec, "interrupted", record.totals.env_steps, 0.0, None)
-    env_steps, speed = _progress(folder / METRICS)
+    lines = _last_lines(folder / METRICS)
+    env_steps, speed = _progress(lines)
     if is_locked(folder):
         left = max(0, spec.task.budget - env_steps) / speed if speed else None
-        return RunState(spec, "running", env_steps, speed, left)
-    if (folder / ERROR).exists():
-        return RunState(spec, "failed", env_steps, 0.0, None)
-    return RunState(spec, "interrupted" if env_steps else "waiting", env_steps, 0.0, None)
+        return RunState(spec, "running", env_steps, speed, left, *_recent(lines))
+    status: Status = "failed" if (folder / ERROR).exists() else "interrupted" if env_steps else "waiting"
+    return RunState(spec, status, env_steps, 0.0, None, *_recent(lines))
 
 
 def _state(folder: Path) -> RunState:
@@ -74,9 +82,14 @@ def _state(folder: Path) -> RunState:
     return state_of(spec, folder.parents[len(place.parts) - 1])
 
 
-def _progress(path: Path) -> tuple[int, float]:
-    """Return the env steps taken and the recent steps per second, from the end of a file of metrics."""
-    lines = _last_lines(path)
+def _recent(lines: Sequence[Mapping[str, Any]]) -> tuple[float | None, float | None]:
+    """Return the return and the success of the last line with an episode that ended."""
+    told = [line for line in lines if line.get("return") is not None]
+    return (told[-1]["return"], told[-1]["success"]) if told else (None, None)
+
+
+def _progress(lines: Sequence[Mapping[str, Any]]) -> tuple[int, float]:
+    """Return the env steps taken and the recent steps per second, from the last lines of the metrics."""
     if not lines:
         return 0, 0.0
     first, last = lines[0] if len(lines) > 1 else {"env_steps": 0, "wall_time_s": 0.0}, lines[-1]

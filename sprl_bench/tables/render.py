@@ -20,6 +20,8 @@ PARTIAL = "‡ runs are missing; its overall figures are over the seeds that it 
 SCORES = "Intervals: 95 %, stratified bootstrap over seeds. Final and success: over the last tenth of the budget."
 CSV_COLUMNS = ("suite", "suite_version", "agent", "privileged", "task", "measure", "value", "low", "high", "seeds")
 DASH = "-"
+BLOCKS = "▁▂▃▄▅▆▇█"
+TRENDS = "Blocks: the mean learning curve, one for each eighth of the budget, over the task's score range."
 
 
 def render(tables: Sequence[Table], form: str = "md", *, width: int | None = None) -> str:
@@ -39,27 +41,33 @@ def render(tables: Sequence[Table], form: str = "md", *, width: int | None = Non
         return as_json(tables)
     if form == "csv":
         return _csv(tables)
-    return draw([_grid(table) for table in tables], form, width=width)
+    return draw([_grid(table, trends=form == "rich") for table in tables], form, width=width)
 
 
-def _grid(table: Table) -> Grid:
+def _grid(table: Table, *, trends: bool) -> Grid:
     return Grid(
         title=f"Suite {table.suite}, version {table.suite_version}",
         header=["Agent", "Seeds", *table.tasks, "Mean AUC", "IQM", "Final", "Success"],
-        rows=[_texts(row) for row in table.rows],
-        footnotes=_footnotes(table),
+        rows=[_texts(row, trends=trends) for row in table.rows],
+        footnotes=[*([TRENDS] if trends else []), *_footnotes(table)],
     )
 
 
-def _texts(row: Row) -> list[str]:
+def _texts(row: Row, *, trends: bool) -> list[str]:
     name = row.agent + " †" * row.privileged + " ‡" * (not row.complete)
     overall = map(_with_interval, (row.auc, row.auc_iqm, row.final, row.success_final))
-    return [name, str(len(row.seeds)), *map(_cell, row.cells), *overall]
+    return [name, str(len(row.seeds)), *(_cell(cell, trends=trends) for cell in row.cells), *overall]
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: Cell, *, trends: bool) -> str:
     there = f"\n{len(cell.seeds)} of {len(cell.seeds) + len(cell.missing)}" if cell.missing else ""
-    return _with_interval(cell.auc) + there
+    trend = f"\n{sparkline(cell.trend)}" if trends and cell.trend else ""
+    return _with_interval(cell.auc) + there + trend
+
+
+def sparkline(shares: Sequence[float]) -> str:
+    """Return a curve as blocks, one a value: the lowest at 0 and below, the highest at 1 and above."""
+    return "".join(BLOCKS[round(min(max(share, 0.0), 1.0) * (len(BLOCKS) - 1))] for share in shares)
 
 
 def _with_interval(value: Estimate | None) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from sprl_bench import scores
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
@@ -51,6 +52,9 @@ class Cell(Data):
     success_auc: Estimate | None
     success_final: Estimate | None
     steps_to_threshold: tuple[int | None, ...]
+    trend: tuple[float, ...] = Field(
+        default=(), exclude=True
+    )  # of the mean curve, a share of the score range an eighth
 
 
 class Row(Data):
@@ -185,28 +189,37 @@ def tabulate_results(
 
 
 def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
-    by_task: dict[str, dict[int, Scores]] = {task: {} for task in tasks}
-    for result in results:
-        by_task[result.task.name][result.seed] = result.scores
+    of_tasks = {task: [result for result in results if result.task.name == task] for task in tasks}
+    by_task = {task: {result.seed: result.scores for result in of_task} for task, of_task in of_tasks.items()}
     seeds = tuple(sorted(set.intersection(*(set(of_task) for of_task in by_task.values()))))
     cells = [
         _cell(task, of_task, tuple(hole.seed for hole in holes if (hole.agent, hole.task) == (agent, task)))
-        for task, of_task in by_task.items()
+        for task, of_task in of_tasks.items()
     ]
     complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in by_task.items()}
     iqm = estimate(complete, "auc", scores.iqm)
     return Row(agent=agent, privileged=privileged, seeds=seeds, cells=tuple(cells), auc_iqm=iqm, **_estimates(complete))
 
 
-def _cell(task: str, by_seed: Mapping[int, Scores], missing: tuple[int, ...]) -> Cell:
-    column = {task: dict(sorted(by_seed.items()))}
+def _cell(task: str, results: Sequence[Result], missing: tuple[int, ...]) -> Cell:
+    column = {task: dict(sorted((result.seed, result.scores) for result in results))}
     return Cell(
         task=task,
         seeds=tuple(column[task]),
         missing=missing,
         steps_to_threshold=tuple(score.steps_to_threshold for score in column[task].values()),
+        trend=_trend(results),
         **_estimates(column),
     )
+
+
+def _trend(results: Sequence[Result]) -> tuple[float, ...]:
+    """Return the mean curve in eight values, each as a share of the task's score range; nothing without a result."""
+    if not results:
+        return ()
+    low, high = results[0].task.score_range
+    curve = np.mean([result.return_curve for result in results], axis=0)
+    return tuple(float((part.mean() - low) / (high - low)) for part in np.array_split(curve, 8))
 
 
 def matrix(by_task: Mapping[str, Mapping[int, Scores]], name: str) -> scores.Array:

@@ -34,7 +34,8 @@ def test_lists_what_there_is(capsys: Capture) -> None:
     _, suites, _ = call(capsys, "list", "suites")
     assert [line.split()[0] for line in suites.splitlines()[1:]] == list(SUITES)
     _, tasks, _ = call(capsys, "list", "tasks")
-    assert "smoke FourRooms-7x7 SPRL/FourRooms-7x7-v1 20,000" in [" ".join(line.split()) for line in tasks.splitlines()]
+    rows = [" ".join(line.split()) for line in tasks.splitlines()]
+    assert "smoke FourRooms-7x7 SPRL/FourRooms-7x7-v1 100,000" in rows
     assert len(tasks.splitlines()) == 1 + sum(len(suite.tasks) for suite in SUITES.values())
 
 

@@ -84,7 +84,7 @@ def test_fewer_than_five_seeds_are_never_published(grid_7x7: list[RunRecord]) ->
 
 def test_another_budget_is_never_published(make_record: MakeRecord) -> None:
     records = [make_record(seed=seed, task_changes={"budget": 1_000}) for seed in range(5)]
-    with pytest.raises(ValueError, match=r"tasks\.0\.task\.budget: it is 1000, the suite's is 20000"):
+    with pytest.raises(ValueError, match=r"tasks\.0\.task\.budget: it is 1000, the suite's is 100000"):
         make_entry(records)
 
 

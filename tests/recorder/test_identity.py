@@ -177,8 +177,8 @@ def test_the_first_suite_is_taken_or_the_one_that_is_named() -> None:
     suite, task = choose_task(FOUR_ROOMS, None, None)
     assert (suite.name, task.name, task.budget) == ("grid", "FourRooms-7x7", 500_000)
     suite, task = choose_task(FOUR_ROOMS, "smoke", None)
-    assert (suite.name, suite.version, task.budget) == ("smoke", 1, 20_000)
-    assert choose_task(FOUR_ROOMS, "smoke", 20_000)[0].name == "smoke"
+    assert (suite.name, suite.version, task.budget) == ("smoke", 2, 100_000)
+    assert choose_task(FOUR_ROOMS, "smoke", 100_000)[0].name == "smoke"
 
 
 @pytest.mark.parametrize("suite", [None, "smoke", "custom"])

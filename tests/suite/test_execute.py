@@ -305,7 +305,11 @@ def test_survey_tells_what_is_left_and_for_how_long(tmp_path: Path) -> None:
     stops = iter([False, True])
     with pytest.raises(InterruptedRunError):
         running.run(cut, tmp_path, stop=lambda: next(stops))
-    metrics = [{"env_steps": steps, "wall_time_s": steps / 50} for steps in (60, 120, 180)]
+    learned = {60: (0.25, 0.5), 120: (0.5, 0.75), 180: (None, None)}  # no episode ended before the last line
+    metrics = [
+        {"env_steps": steps, "wall_time_s": steps / 50, "return": reward, "success": success}
+        for steps, (reward, success) in learned.items()
+    ]
     text = "".join(json.dumps(line) + "\n" for line in metrics)
     (going.path(tmp_path) / "metrics.jsonl").write_text(text + '{"env_steps": 24')
     with lock(going.path(tmp_path)):
@@ -318,6 +322,8 @@ def test_survey_tells_what_is_left_and_for_how_long(tmp_path: Path) -> None:
     ]
     assert states[3].steps_per_second == pytest.approx(50)
     assert states[3].seconds_left == pytest.approx(120 / 50)
+    assert (states[3].mean_return, states[3].success) == (0.5, 0.75)
+    assert states[1].mean_return is None
     assert states[0].seconds_left == 0
     assert states[1].seconds_left is None
 
@@ -383,7 +389,9 @@ def test_live_progress_draws_what_is_running(tmp_path: Path, monkeypatch: pytest
     stream = io.StringIO()
     observer = LiveProgress(Console(file=stream, force_terminal=True, width=120, no_color=True))
     sprl_bench.records.write(spec.path(tmp_path) / "spec.json", spec)
-    (spec.path(tmp_path) / "metrics.jsonl").write_text('{"env_steps": 60, "wall_time_s": 2.0}\n')
+    (spec.path(tmp_path) / "metrics.jsonl").write_text(
+        '{"env_steps": 60, "wall_time_s": 2.0, "return": 0.5, "success": 0.75}\n'
+    )
     with lock(spec.path(tmp_path)):
         observer.started([spec], tmp_path)
         observer.ended(Outcome(replace_seed(spec), "failed", "it [broke]"))
@@ -393,6 +401,7 @@ def test_live_progress_draws_what_is_running(tmp_path: Path, monkeypatch: pytest
     assert "walker on FourRooms-7x7-300, seed 0" in text
     assert "30 steps/s" in text
     assert "8 s left" in text
+    assert "return 0.50, success 0.75" in text
     assert "failed: walker on FourRooms-7x7-300, seed 9: it [broke]" in text
 
 

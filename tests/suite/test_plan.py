@@ -59,7 +59,7 @@ def test_expand_takes_some_tasks_only() -> None:
 def test_another_budget_is_another_task_of_no_suite() -> None:
     (spec,) = expand(SMOKE, ["random"], [0], budget=500)
     assert (spec.suite, spec.suite_version, spec.task.name, spec.task.budget) == ("custom", 0, "FourRooms-7x7-500", 500)
-    (spec,) = expand(SMOKE, ["random"], [0], budget=20_000)
+    (spec,) = expand(SMOKE, ["random"], [0], budget=100_000)
     assert (spec.suite, spec.task.name) == ("smoke", "FourRooms-7x7")
 
 

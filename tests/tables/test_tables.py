@@ -24,7 +24,7 @@ from sprl_bench.tables import (
     render,
     tabulate,
 )
-from sprl_bench.tables.render import interval_text
+from sprl_bench.tables.render import interval_text, sparkline
 from sprl_bench.tables.text_table import number
 
 MakeRecord = Callable[..., RunRecord]
@@ -202,7 +202,7 @@ def test_one_seed_has_a_dash_for_an_interval(make_record: MakeRecord) -> None:
     tables = tabulate([make_record()])
     assert "| ppo | 1 | 0.500 - | 0.500 - | 0.500 - |" in render(tables, "md")
     [line] = [line for line in render(tables, "csv").splitlines() if ",all,auc," in line]
-    assert line == "smoke,1,ppo,false,all,auc,0.500000,,,1,0"
+    assert line == "smoke,2,ppo,false,all,auc,0.500000,,,1,0"
     assert json.loads(render(tables, "json"))[0]["rows"][0]["auc"] == {"value": 0.5, "interval": None, "seeds": 1}
 
 
@@ -281,8 +281,8 @@ def test_a_negative_nought_is_nought() -> None:
 
 
 MIXED = {
-    "version": ({"suite_version": 2}, r"suite 'smoke': version differs: 1 \(ppo\), 2 \(icm\)"),
-    "budget": ({"task_changes": {"budget": 10_000}}, r"FourRooms-7x7: budget differs: 10000 \(icm\), 20000 \(ppo\)"),
+    "version": ({"suite_version": 7}, r"suite 'smoke': version differs: 2 \(ppo\), 7 \(icm\)"),
+    "budget": ({"task_changes": {"budget": 10_000}}, r"FourRooms-7x7: budget differs: 10000 \(icm\), 100000 \(ppo\)"),
     "arguments": ({"task_changes": {"arguments": {"substep": 3}}}, r"arguments differs: .*\(substep=3\).* \(icm\)"),
     "environment": ({"task_changes": {"env_id": "SPRL/FourRooms-7x7-v2"}}, r"environment and arguments differs"),
     "range": ({"task_changes": {"score_range": (0.0, 2.0)}}, r"returns in \[0, 2\]"),
@@ -399,11 +399,11 @@ def test_another_simulator_is_refused(make_record: MakeRecord) -> None:
 def test_a_budget_that_is_not_the_suites_is_said_aloud(make_record: MakeRecord) -> None:
     notes = check_comparable([Result.of(make_record(task_changes={"budget": 500}))])
     assert notes == [
-        "FourRooms-7x7: a budget of 500 environment steps instead of the suite's 20,000; not comparable with "
+        "FourRooms-7x7: a budget of 500 environment steps instead of the suite's 100,000; not comparable with "
         "published scores."
     ]
     notes = check_comparable([Result.of(make_record(suite_version=7))])
-    assert notes == ["Version 7 of the suite; the one installed is 1."]
+    assert notes == ["Version 7 of the suite; the one installed is 2."]
 
 
 def test_each_column_holds_its_own_figure(rising: list[RunRecord]) -> None:
@@ -421,3 +421,18 @@ def test_each_column_holds_its_own_figure(rising: list[RunRecord]) -> None:
         held = getattr(row if line["task"] == "all" else cell, line["measure"])
         figures = [float(line[column]) for column in ("value", "low", "high")]
         assert figures == pytest.approx([held.value, *held.interval], abs=1e-6)
+
+
+def test_a_terminal_shows_the_mean_learning_curve_and_other_formats_do_not(rising: list[RunRecord]) -> None:
+    (table,) = tabulate(rising)
+    curve = np.mean([run.return_curve for run in rising], axis=0)
+    expected = [part.mean() for part in np.array_split(curve, 8)]
+    assert table.rows[0].cells[0].trend == pytest.approx(expected)
+    assert sparkline(table.rows[0].cells[0].trend) in render([table], "rich")
+    for form in ("md", "csv", "latex", "json"):
+        assert "▁" not in render([table], form)
+        assert "trend" not in render([table], form)
+
+
+def test_a_sparkline_stays_within_its_blocks() -> None:
+    assert sparkline([-1.0, 0.0, 0.49, 0.51, 1.0, 7.0]) == "▁▁▄▅██"
