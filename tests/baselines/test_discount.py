@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 import pytest
 
 import sprl_bench  # noqa: F401 - registers the ids
-from sprl_baselines.agents import ppo
+from sprl_baselines.agents import eco, icm, ppo, rnd, sprl
 from sprl_baselines.ppo import PPOConfig
 
 
@@ -28,3 +30,10 @@ def test_the_fetch_environments_say_how_long_an_action_lasts() -> None:
         envs.reset(seed=0)
         next(agent.train(envs, budget=16))
         assert agent.learner.config.gamma == pytest.approx(0.99**time)
+
+
+@pytest.mark.parametrize("agent", [ppo, icm, eco, sprl, rnd])
+def test_both_discounts_are_presets_of_fetch(agent: Any) -> None:
+    per_action, per_time = (agent.hyperparameters("fetch", {}, preset) for preset in ("table", "simulated-time"))
+    assert per_time == {**per_action, "discount_per": "reference-action"}
+    assert per_action["discount_per"] == "action"

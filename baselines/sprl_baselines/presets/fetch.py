@@ -44,4 +44,9 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     "sprl": {**EXPLORING, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 20},
 }
 
-PRESETS = {"table": TABLE}
+# The same with the discount per reference action, so that `substep` leaves the horizon in simulated time as it is.
+SIMULATED_TIME: Mapping[str, Mapping[str, Any]] = {
+    agent: {**settings, "discount_per": "reference-action"} for agent, settings in TABLE.items()
+}
+
+PRESETS = {"simulated-time": SIMULATED_TIME, "table": TABLE}
