@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args, get_origin, get_type_hints
 
+from sprl_baselines.count import CountConfig
 from sprl_baselines.eco import ECOConfig
 from sprl_baselines.gt_grid import GTGridConfig
 from sprl_baselines.icm import ICMConfig
@@ -20,12 +21,22 @@ from sprl_baselines.learning.config import Config
 from sprl_baselines.ppo import PPOConfig
 from sprl_baselines.presets import DOMAINS
 from sprl_baselines.reachability.hyperparameters import HorizonConfig, ReachabilityConfig
+from sprl_baselines.rnd import RNDConfig
 from sprl_baselines.sprl import ConstraintConfig
 
 HEAD: Final = """# Hyperparameters
 
-All hyperparameters of all agents. `--set NAME=VALUE` changes one. The defaults are those of the grids; the last table
-shows what each preset changes. The record of a run holds the values that were used.
+All hyperparameters of all agents. `--set NAME=VALUE` changes one. The record of a run holds the values that were used.
+
+**Defaults and presets.** An agent alone means its preset `table`: `sprl` is `sprl@table`, the settings of the paper's
+table for the domain. A preset changes some of the defaults ([the last table](#what-presets-change)), and presets do not
+add up. The defaults are those of the grids, but `sprl` and `gt-sprl` get Table 1's rate of 0.01 from `table`;
+`sprl@tuned` has the default rate of 0.003.
+
+**Words.** A *domain* is a family of tasks; the task decides which rows of the last table hold. `dmlab` and `atari` have
+no environments yet. *Anchor*, *positive* and *negative* are states from which the reachability network learns: a
+positive lies a few steps after its anchor, a negative many. *CReLU* is the rectifier of x and of -x, side by side. The
+agents' `action_noise` is not the environments' argument of that name, which the suite `noise` sets.
 
 `python docs/write_hyperparameters.py docs/hyperparameters.md` writes this page.
 """
@@ -37,6 +48,8 @@ SECTIONS: Final[Mapping[str, type[Config]]] = {
     "`eco`, `sprl`: the reachability network": ReachabilityConfig,
     "`eco`": ECOConfig,
     "`sprl`, `gt-sprl`: the cost": ConstraintConfig,
+    "`rnd`": RNDConfig,
+    "`count`": CountConfig,
 }
 FIELD: Final = re.compile(r"^    (\w+): .+? = [^#]+?(?:  # (.+))?$")
 COMMENT: Final = re.compile(r"^    # (.+)$")
