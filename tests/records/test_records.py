@@ -82,7 +82,7 @@ BROKEN = {
     "a huge whole number for a float": ('"auc": 0.5', f'"auc": 1{"0" * 400}', "scores.auc"),
     "a huge whole number for a count": ('"seed": 0', f'"seed": 1{"0" * 400}', "spec.seed"),
     "a number of too many digits": ('"seed": 0', f'"seed": 1{"0" * 9_000}', "Invalid JSON"),
-    "a number that is not whole": ('"budget": 20000', '"budget": 1.5', "spec.task.budget"),
+    "a number that is not whole": ('"budget": 100000', '"budget": 1.5', "spec.task.budget"),
     "a negative count": ('"episodes": 100', '"episodes": -1', "totals.episodes"),
     "text for a number": ('"auc": 0.5', '"auc": "0.5"', "scores.auc"),
     "a truth value for a number": ('"auc": 0.5', '"auc": true', "scores.auc"),
@@ -98,8 +98,8 @@ BROKEN = {
     "a hyperparameter that is not finite": ("0.001", "NaN", "spec.hyperparameters.learning_rate"),
     "another hyperparameter": ("0.001", "0.002", "hyperparameters_hash does not follow"),
     "a score of its own": ('"auc": 0.5', '"auc": 0.75', "scores.auc is 0.75 but its curve gives 0.5"),
-    "a threshold of its own": ('_threshold": 200', '_threshold": 400', "scores.steps_to_threshold is 400"),
-    "a whole run of few steps": ('"env_steps": 20000', '"env_steps": 5', "totals.env_steps is 5 of a budget"),
+    "a threshold of its own": ('_threshold": 1000', '_threshold": 400', "scores.steps_to_threshold is 400"),
+    "a whole run of few steps": ('"env_steps": 100000', '"env_steps": 5', "totals.env_steps is 5 of a budget"),
     "more successes than episodes": (
         '"successes": 50',
         '"successes": 101',
@@ -356,4 +356,4 @@ def test_nothing_is_evaluated_or_unpickled() -> None:
 def test_scores_are_a_function_of_the_curves(make_record: MakeRecord) -> None:
     record = make_record(curve=np.linspace(0, 1, 100))
     assert record.scores.auc == pytest.approx(0.5)
-    assert record.scores.steps_to_threshold == 51 * 200  # bin 50 is 50/99
+    assert record.scores.steps_to_threshold == 51 * 1_000  # bin 50 is 50/99
