@@ -28,7 +28,7 @@ HEAD: Final = """# Hyperparameters
 
 All hyperparameters of all agents. `--set NAME=VALUE` changes one. The record of a run holds the values that were used.
 
-**Defaults and presets.** An agent alone means its preset `table`: `sprl` is `sprl@table`, the settings of the paper's
+**Defaults and presets.** An agent's plain name means its preset `table`: `sprl` has the settings of the paper's
 table for the domain. A preset changes some of the defaults ([the last table](#what-presets-change)), and presets do not
 add up. The defaults are those of the grids, but `sprl` and `gt-sprl` get Table 1's rate of 0.01 from `table`;
 `sprl@tuned` has the default rate of 0.003.
@@ -62,7 +62,7 @@ def page() -> str:
 
 
 def _section(title: str, kind: type[Config]) -> Iterator[str]:
-    yield from (f"## {title}", "", "| name | default | allowed | what it is |", "| --- | --- | --- | --- |")
+    yield from (f"## {title}", "", "| name | default | allowed | meaning |", "| --- | --- | --- | --- |")
     defaults, hints = kind().as_dict(), get_type_hints(kind, include_extras=True)
     for name, meaning in _meanings(kind):
         yield f"| `{name}` | {json.dumps(defaults[name])} | {_allowed(hints[name])} | {meaning} |"

@@ -74,9 +74,12 @@ class Playable(Resumable, Protocol):
 class AgentFactory(Protocol):
     """Makes an agent from keyword arguments.
 
-    Two attributes are optional. `privileged` (bool, default False) says that the agent sees more than an ordinary one.
-    `hyperparameters(domain, overrides)` or, of an agent with presets, `hyperparameters(domain, overrides, preset=...)`
-    returns all hyperparameters. Without it they are the factory's keyword arguments and their defaults.
+    Three attributes are optional:
+
+    - `privileged` (bool, default False): whether the agent sees more than an ordinary one;
+    - `hyperparameters(domain, overrides)`, with a third argument `preset` if the agent has presets: returns all
+      hyperparameters; without it they are the factory's keyword arguments and their defaults;
+    - `default_preset` (text): the preset that the agent's plain name means.
     """
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> Agent:

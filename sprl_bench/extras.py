@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from types import MappingProxyType
 from typing import Any
 
@@ -20,6 +21,11 @@ class Extra:
 
     modules: tuple[str, ...]
     purpose: str
+
+    @property
+    def installed(self) -> bool:
+        """Whether it is installed."""
+        return find_spec(self.modules[0]) is not None
 
 
 EXTRAS: Mapping[str, Extra] = MappingProxyType(
@@ -39,9 +45,9 @@ def extra_of(module: str) -> str | None:
     return next((name for name, extra in EXTRAS.items() if module in extra.modules), None)
 
 
-def advice(extra: str) -> str:
-    """Return the command that installs an extra."""
-    return f"pip install 'sprl-bench[{extra}]'"
+def advice(extra: str, *, pinned: bool = False) -> str:
+    """Return the command that installs an extra, or several with commas between; with the pinned versions if asked."""
+    return f"pip install {'-c constraints.txt ' * pinned}'sprl-bench[{extra}]'"
 
 
 def not_installed(module: str) -> str:

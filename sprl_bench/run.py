@@ -67,10 +67,10 @@ def run(
         (folder / ERROR).unlink(missing_ok=True)
         write(folder / SPEC, spec)
         with contextlib.ExitStack() as opened, StopSignals() as signals:
-            session = _Session(spec, folder, opened)
-            session.restore()
-            _train(session, checkpoint_every_s, lambda: signals.received or stop())
-            return session.finish()
+            active = _ActiveRun(spec, folder, opened)
+            active.restore()
+            _train(active, checkpoint_every_s, lambda: signals.received or stop())
+            return active.finish()
 
 
 def env_seed(spec: RunSpec) -> int:
@@ -95,26 +95,26 @@ def make_envs(
     return make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=mode, **arguments)
 
 
-def _train(session: _Session, checkpoint_every_s: float, stop: Callable[[], bool]) -> None:
+def _train(active: _ActiveRun, checkpoint_every_s: float, stop: Callable[[], bool]) -> None:
     """Let the agent train until the budget is reached."""
     last = time.monotonic()
-    for metrics in session.updates():
-        session.report(metrics)
-        if session.complete:
+    for metrics in active.updates():
+        active.report(metrics)
+        if active.complete:
             return
         if stop():
-            what_next = "continues from there" if session.save() else "starts it over"
-            raise InterruptedRunError(f"Interrupted after {session.env_steps} env steps; the same command {what_next}.")
+            what_next = "continues from there" if active.save() else "starts it over"
+            raise InterruptedRunError(f"Interrupted after {active.env_steps} env steps; the same command {what_next}.")
         if time.monotonic() - last >= checkpoint_every_s:
-            session.save()
+            active.save()
             last = time.monotonic()
-    if not session.complete:
+    if not active.complete:
         raise RuntimeError(
-            f"Agent {session.spec.agent!r} stopped after {session.env_steps} of {session.spec.task.budget} env steps."
+            f"Agent {active.spec.agent!r} stopped after {active.env_steps} of {active.spec.task.budget} env steps."
         )
 
 
-class _Session:
+class _ActiveRun:
     """A run while this process works on it: the agent, the recorded environments, the clock and the open files.
 
     Args:

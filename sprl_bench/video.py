@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import importlib
 import math
 import os
 import secrets
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from sprl_bench.agents import Policy
 from sprl_bench.envs import IDS
 from sprl_bench.envs.checks import check_integer
+from sprl_bench.extras import require_extra
 from sprl_bench.policies import find_actor
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
@@ -118,7 +118,7 @@ def _format(path: Path) -> Format:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     found = _FORMATS[path.suffix.lower()]
     for module in found.needs:
-        importlib.import_module(module)
+        require_extra(module)
     return found
 
 

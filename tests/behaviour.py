@@ -4,7 +4,7 @@
 
 It trains every reference agent on `smoke` with two seeds, PPO on FetchReach at substep 3 for 20,000 steps, and one run
 that is interrupted and resumed. It prints a digest of each run's metrics (without its times), episodes and scores, and
-the fingerprint of every environment. It uses the command line alone, so it works in any checkout. Takes ten minutes.
+the fingerprint of every environment. The digests of `resumed` must be those of `sprl` in `trusted`. Takes ten minutes.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ def _interrupted(root: Path, *arguments: str) -> None:
         time.sleep(0.2)
     os.kill(begun.pid, signal.SIGINT)
     begun.wait()
+    assert any(root.rglob("checkpoint.safetensors")), "the run was not interrupted between two updates"
     _run(root, *arguments)
 
 

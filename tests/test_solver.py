@@ -20,7 +20,7 @@ from sprl_bench.envs.grid.encoding import AGENT, CLOSED, DONE, DOOR, EMPTY, GOAL
 
 
 def explore(env: Any, depth: int) -> dict[bytes, tuple[int, np.ndarray]]:
-    """Return every observation within ``depth`` steps, with its distance, by stepping copies of the environment."""
+    """Return every observation within `depth` steps, with its distance, by stepping copies of the environment."""
     observation = env.gen_obs()
     found = {observation.tobytes(): (0, observation)}
     frontier = deque([(env, 0)] if GOAL in observation[..., 0] else [])

@@ -63,7 +63,7 @@ def follow(world: theory.World, actions: tuple[int, ...] | list[int]) -> list[in
 
 
 def enumerate_leaves(world: theory.World, horizon: int) -> list[list[int]]:
-    """Return all trajectories of ``horizon`` steps, and the shorter ones that end on the goal, by trying everything."""
+    """Return all trajectories of `horizon` steps, and the shorter ones that end on the goal, by trying everything."""
     leaves = {}
     for actions in itertools.product(range(world.successors.shape[1]), repeat=horizon):
         states = follow(world, actions)

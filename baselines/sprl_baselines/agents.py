@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 import torch
@@ -183,6 +183,7 @@ class LearningAgentFactory(Generic[C]):
     bonus: Callable[[Setting, C], Bonus]
     bonus_config: type[C]
     privileged: bool = False
+    default_preset: ClassVar[str] = "table"
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> LearningAgent:
         """Make an agent. Missing hyperparameters have their defaults.
@@ -193,7 +194,9 @@ class LearningAgentFactory(Generic[C]):
         config, bonus_config = self._configs(hyperparameters)
         return LearningAgent(config, lambda setting: self.bonus(setting, bonus_config), seed=seed, device=device)
 
-    def hyperparameters(self, domain: str, overrides: Mapping[str, Any], preset: str = "table") -> dict[str, Any]:
+    def hyperparameters(
+        self, domain: str, overrides: Mapping[str, Any], preset: str = default_preset
+    ) -> dict[str, Any]:
         """Return all hyperparameters: the defaults, then the domain's preset, then `overrides`.
 
         Args:

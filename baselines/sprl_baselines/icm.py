@@ -87,13 +87,8 @@ class ICM:
         return self._config.bonus_weight * errors.clamp(max=1).view_as(rollout.rewards)
 
     def update(self, rollout: Rollout) -> Mapping[str, float]:
-        """Train features and models on one rollout; return the means over all gradient steps.
-
-        Raises:
-            ValueError: There are more minibatches than transitions.
-        """
+        """Train features and models on one rollout; return the means over all gradient steps."""
         config, transitions = self._config, Transitions.of(rollout)
-        config.check_rollout(len(transitions))
         batches = shuffled_minibatches(transitions, config.icm_epochs, config.icm_minibatches, self._generator)
         return train(self._gradient_step, batches)
 

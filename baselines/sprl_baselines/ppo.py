@@ -44,7 +44,6 @@ class PPOConfig(Config):
     # What gamma and gae_lambda are per: an env step, or the duration of a reference action (Fetch, substep 20).
     discount_per: Annotated[str, Choice("action", "reference-action")] = "action"
     bootstrap_on_truncation: bool = False  # whether truncated episodes use their successor's value
-    normalize_advantages: bool = True  # to zero mean and unit standard deviation in each minibatch
     clip_range: Positive = 0.2  # the loss gains nothing from probability ratios beyond 1 +- this
     anneal_clip_range: bool = True  # let it fall linearly to 0 over the budget
     clip_value: bool = True  # limit the change of the value by the same range
@@ -193,9 +192,8 @@ class PPO:
     def _gradient_step(self, batch: Samples, clip_range: float) -> dict[str, Tensor]:
         parameters, values = batch.observations.through(self.network)
         distribution = self.network.head.distribution(parameters)
-        losses = ppo_losses(
-            distribution.log_prob(batch.actions), values, distribution.entropy(), batch, clip_range, self.config
-        )
+        log_probs, entropy = distribution.log_prob(batch.actions), distribution.entropy()
+        losses = ppo_losses(log_probs, values, entropy, batch.normalized(), clip_range, self.config)
         self._optimizer.zero_grad()
         losses.pop("loss").backward()  # type: ignore[no-untyped-call] # torch has no types there
         norm = clip_grad_norm_(self.network.parameters(), self.config.max_grad_norm)
@@ -222,6 +220,13 @@ class Samples(Batch):
     advantages: Tensor  # [B]
     returns: Tensor  # [B] targets of the value function
 
+    def normalized(self) -> Samples:
+        """Return the same with advantages of zero mean and unit standard deviation, if there is more than one."""
+        if len(self) == 1:
+            return self
+        advantages = (self.advantages - self.advantages.mean()) / (self.advantages.std() + 1e-8)
+        return replace(self, advantages=advantages)
+
 
 def ppo_losses(
     log_probs: Tensor, values: Tensor, entropy: Tensor, batch: Samples, clip_range: float, config: PPOConfig
@@ -232,7 +237,7 @@ def ppo_losses(
         log_probs: Log-probabilities of the batch's actions under the current policy, `[B]`.
         values: Current values of the batch's observations, `[B]`.
         entropy: Entropy of the current policy, `[B]`.
-        batch: Samples, with the values and log-probabilities of when they were collected.
+        batch: Samples, with normalised advantages, and the values and log-probabilities of when they were collected.
         clip_range: The loss gains nothing from probability ratios beyond 1 +- this.
         config: Coefficients and switches.
 
@@ -242,7 +247,7 @@ def ppo_losses(
     """
     log_ratio = log_probs - batch.log_probs
     ratio = log_ratio.exp()
-    policy_loss = _policy_loss(ratio, _normalised(batch.advantages, config), clip_range)
+    policy_loss = _policy_loss(ratio, batch.advantages, clip_range)
     value_loss = _value_loss(values, batch, clip_range if config.clip_value else torch.inf)
     mean_entropy = entropy.mean()
     loss = policy_loss + config.value_coefficient * value_loss - config.entropy_coefficient * mean_entropy
@@ -255,12 +260,6 @@ def ppo_losses(
             "approximate_kl": (ratio - 1 - log_ratio).mean(),
             "clipped_share": ((ratio - 1).abs() > clip_range).float().mean(),
         }
-
-
-def _normalised(advantages: Tensor, config: PPOConfig) -> Tensor:
-    if not config.normalize_advantages or len(advantages) == 1:
-        return advantages
-    return (advantages - advantages.mean()) / (advantages.std() + 1e-8)
 
 
 def _policy_loss(ratio: Tensor, advantages: Tensor, clip_range: float) -> Tensor:

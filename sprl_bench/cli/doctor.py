@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import typer
 
 from sprl_bench.doctor import BROKEN, INCOMPARABLE, UNKNOWN, Finding, examine
-from sprl_bench.extras import EXTRAS
+from sprl_bench.extras import EXTRAS, advice
 
 
 def doctor() -> None:
@@ -29,9 +27,9 @@ def _conclude(findings: list[Finding]) -> list[str]:
     if broken:
         lines.append(f"Does not work here: {broken}.")
     if wrong:
-        extras = ",".join(name for name in ("baselines", "fetch") if find_spec(EXTRAS[name].modules[0])) or "baselines"
+        extras = ",".join(name for name in ("baselines", "fetch") if EXTRAS[name].installed) or "baselines"
         lines.append(f"Scores from here may not compare with published ones: {wrong}.")
-        lines.append(f"Install the pinned versions with: pip install -c constraints.txt 'sprl-bench[{extras}]'")
+        lines.append(f"Install the pinned versions with: {advice(extras, pinned=True)}")
     if open_questions:
         lines.append(f"No pinned version to compare with (constraints.txt): {open_questions}.")
     if not wrong and not open_questions:

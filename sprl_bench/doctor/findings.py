@@ -6,13 +6,12 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
+from importlib.metadata import version
 from types import MappingProxyType
 from typing import Any
 
 from sprl_bench.extras import EXTRAS, Extra, advice
-from sprl_bench.provenance import surroundings
+from sprl_bench.provenance import installed, surroundings
 from sprl_bench.shipped import find_shipped
 
 BROKEN, INCOMPARABLE, UNKNOWN, SOUND = "x", "!", "?", " "
@@ -64,21 +63,20 @@ def examine() -> list[Finding]:
 
 
 def _package(name: str, pins: Mapping[str, str]) -> Finding:
-    try:
-        installed = version(name)
-    except PackageNotFoundError:
+    there = installed(name)
+    if there is None:
         return Finding(name, "not installed")
     pinned = pins.get(name)
     if pinned is None:
-        return Finding(name, f"{installed}, not pinned", comparable=None)
+        return Finding(name, f"{there}, not pinned", comparable=None)
     # A build such as 2.13.0+cpu is of the pinned release.
-    same = installed.partition("+")[0] == pinned
-    text = f"{installed}, as in scored runs" if same else f"{installed}, but scored runs use {pinned}"
+    same = there.partition("+")[0] == pinned
+    text = f"{there}, as in scored runs" if same else f"{there}, but scored runs use {pinned}"
     return Finding(name, text, comparable=same)
 
 
 def _extra(name: str, extra: Extra) -> Finding:
-    if find_spec(extra.modules[0]) is None:
+    if not extra.installed:
         return Finding(f"[{name}]", f"not installed: {extra.purpose}; install it with: {advice(name)}")
     return Finding(f"[{name}]", f"installed: {extra.purpose}")
 

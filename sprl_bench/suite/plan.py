@@ -91,6 +91,8 @@ def _split_preset(agent: str) -> tuple[str, str]:
 def _spec(suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], **machine: Any) -> RunSpec:
     source, preset = _split_preset(agent)
     factory = load_factory(source)
+    if preset and preset == getattr(factory, "default_preset", None):
+        raise ValueError(f"agents holds {agent!r}; it must be {source!r}, whose preset is {preset!r}.")
     hyperparameters, num_envs = resolve_hyperparameters(factory, task.domain, overrides, preset)
     return RunSpec.of(
         suite,

@@ -17,7 +17,7 @@ from sprl_baselines.ppo import PPO, PPOConfig, Samples, ppo_losses
 
 GRID = spaces.Box(0, 255, (7, 7, 3), np.uint8)
 CPU = torch.device("cpu")
-PLAIN = PPOConfig(normalize_advantages=False)
+PLAIN = PPOConfig()
 
 
 def batch(
@@ -82,12 +82,12 @@ def test_the_value_loss_takes_the_worse_of_plain_and_clipped() -> None:
 
 def test_advantages_are_normalised_within_the_minibatch() -> None:
     samples = batch(advantages=[1.0, 3.0])  # mean 2, unbiased deviation sqrt 2
-    found = losses(samples, PPOConfig(), log_probs=np.log([1.1, 1.0]).tolist())
+    found = losses(samples.normalized(), log_probs=np.log([1.1, 1.0]).tolist())
     assert found["policy_loss"] == pytest.approx(-(1.1 * -(0.5**0.5) + 0.5**0.5) / 2, rel=1e-5)
 
 
 def test_a_single_advantage_is_left_as_it_is() -> None:
-    assert losses(batch(advantages=[3.0]), PPOConfig())["policy_loss"] == -3.0
+    assert losses(batch(advantages=[3.0]).normalized())["policy_loss"] == -3.0
 
 
 def test_the_loss_weighs_its_parts() -> None:

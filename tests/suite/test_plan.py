@@ -147,3 +147,8 @@ def test_bad_arguments_are_named_in_one_line(changes: dict[str, Any], message: s
     with pytest.raises(ValueError, match=message) as raised:
         expand(SMOKE, **arguments)
     assert "\n" not in str(raised.value)
+
+
+def test_the_preset_of_a_plain_name_has_no_second_name() -> None:
+    with pytest.raises(ValueError, match="agents holds 'sprl@table'; it must be 'sprl', whose preset is 'table'"):
+        expand(SMOKE, ["sprl@table"], [0])

@@ -4,5 +4,8 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 
-if find_spec("mujoco") is None or find_spec("gymnasium_robotics") is None:
-    raise ImportError("The Fetch tasks need mujoco and gymnasium-robotics: pip install 'sprl-bench[fetch]'.")
+from sprl_bench.extras import EXTRAS, not_installed
+
+for _module in EXTRAS["fetch"].modules:
+    if find_spec(_module) is None:
+        raise ImportError(f"The Fetch tasks need {_module}: {not_installed(_module)}.")

@@ -63,7 +63,7 @@ def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
 
 
 def first(count: int, result: Any) -> Any:
-    """Return what a vector env of the first ``count`` sub-environments alone would have returned."""
+    """Return what a vector env of the first `count` sub-environments alone would have returned."""
     if isinstance(result, tuple):
         return tuple(first(count, part) for part in result)
     if isinstance(result, dict):

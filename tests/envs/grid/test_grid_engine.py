@@ -72,7 +72,7 @@ def some_seed(rng: np.random.Generator, num_envs: int) -> int | list[int | None]
 def lock_step(
     env_id: str, mode: str, num_envs: int, steps: int, *, seed: int = 0, reset_rate: float = 0.02, **arguments: Any
 ) -> Counter[str]:
-    """Run both for ``steps`` vector steps, with masked resets and moves to a fresh engine in between."""
+    """Run both for `steps` vector steps, with masked resets and moves to a fresh engine in between."""
     rng = np.random.default_rng([seed, num_envs])
     ours: VectorEnv = gymnasium.make_vec(env_id, num_envs, autoreset_mode=mode, **arguments)
     theirs = synchronous(env_id, num_envs, mode, **arguments)

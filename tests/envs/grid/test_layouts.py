@@ -32,7 +32,7 @@ def cell_of(kinds: np.ndarray, kind: int) -> np.ndarray:
 
 
 def assert_uniform(values: np.ndarray, expected: int) -> None:
-    """Check that ``values`` (rows) take ``expected`` distinct values, all equally often."""
+    """Check that `values` (rows) take `expected` distinct values, all equally often."""
     _, counts = np.unique(values, axis=0, return_counts=True)
     assert len(counts) == expected
     assert stats.chisquare(counts).pvalue > P_VALUE
