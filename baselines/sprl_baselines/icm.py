@@ -20,7 +20,7 @@ from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.kernels.strided_convolution import CHANNELS, StridedConvolution
-from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight
+from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight, reject_more_than_rollout
 from sprl_baselines.learning.grids import GRIDS, grid_shape
 from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
 from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
@@ -47,11 +47,7 @@ class ICMConfig(Config):
 
     def check_rollout(self, num_steps: int) -> None:
         """Refuse more minibatches than transitions."""
-        if self.icm_minibatches > num_steps:
-            raise ValueError(
-                f"Hyperparameter icm_minibatches is {self.icm_minibatches}; "
-                f"it must be at most num_envs * rollout_length, {num_steps}."
-            )
+        reject_more_than_rollout("icm_minibatches", self.icm_minibatches, num_steps)
 
 
 class ICM:

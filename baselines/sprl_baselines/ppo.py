@@ -18,7 +18,16 @@ from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.learning.acting import acting
 from sprl_baselines.learning.collector import Decision, Policy, Values
-from sprl_baselines.learning.config import Choice, Config, Count, Positive, Range, Share, Weight
+from sprl_baselines.learning.config import (
+    Choice,
+    Config,
+    Count,
+    Positive,
+    Range,
+    Share,
+    Weight,
+    reject_more_than_rollout,
+)
 from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
 from sprl_baselines.learning.networks import actor_critic
 from sprl_baselines.learning.observations import RAW, View
@@ -68,12 +77,7 @@ class PPOConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        samples = self.num_envs * self.rollout_length
-        if self.minibatches > samples:
-            raise ValueError(
-                f"Hyperparameter minibatches is {self.minibatches}; "
-                f"it must be at most num_envs * rollout_length, {samples}."
-            )
+        reject_more_than_rollout("minibatches", self.minibatches, self.num_envs * self.rollout_length)
         if self.normalize_observations and self.stack:
             raise ValueError(
                 f"Hyperparameter stack is {self.stack}; it must be 0 where normalize_observations is true."

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight
+from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight, reject_more_than_rollout
 from sprl_baselines.learning.minibatches import Batch, Report, shuffled_minibatches, train
 from sprl_baselines.learning.moments import RewardNormalizer
 from sprl_baselines.learning.networks import RELU_GAIN, linear, mlp_trunk
@@ -44,10 +44,7 @@ class RNDConfig(Config):
 
     def check_rollout(self, num_steps: int) -> None:
         """Refuse more minibatches than steps."""
-        if self.rnd_minibatches > num_steps:
-            raise ValueError(
-                f"rnd_minibatches is {self.rnd_minibatches}; it must be at most num_envs * rollout_length, {num_steps}."
-            )
+        reject_more_than_rollout("rnd_minibatches", self.rnd_minibatches, num_steps)
 
 
 class RND:

@@ -314,7 +314,7 @@ def test_its_optimizer_is_as_its_settings_say() -> None:
 
 def test_more_minibatches_than_transitions_are_refused() -> None:
     with pytest.raises(ValueError, match=r"icm_minibatches is 61; it must be at most num_envs \* rollout_length, 60"):
-        icm(FLAT, DISCRETE, icm_minibatches=61).update(drawn_rollout(FLAT, DISCRETE))
+        ICMConfig(icm_minibatches=61).check_rollout(60)
 
 
 @pytest.mark.parametrize(

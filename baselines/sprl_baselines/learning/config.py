@@ -75,6 +75,14 @@ class Config:
         return asdict(self)  # type: ignore[call-overload,no-any-return]  # subclasses are dataclasses
 
 
+def reject_more_than_rollout(name: str, minibatches: int, num_steps: int) -> None:
+    """Raise a `ValueError` where hyperparameter `name` asks for more minibatches than a rollout has env steps."""
+    if minibatches > num_steps:
+        raise ValueError(
+            f"Hyperparameter {name} is {minibatches}; it must be at most num_envs * rollout_length, {num_steps}."
+        )
+
+
 def reject_unknown(kind: str, given: Mapping[str, Any], allowed: tuple[str, ...]) -> None:
     """Raise a `ValueError` for the first key of `given` that is not allowed; it suggests the nearest allowed name."""
     for name in given:
