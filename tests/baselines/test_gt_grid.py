@@ -171,6 +171,79 @@ def test_only_moves_can_be_new(key_doors: Rollout) -> None:
     assert paid[key_doors.terminated].all()  # the goal's cell, which is new at each end
 
 
+# --------------------------------------------------------------------------------------------- Fetch
+
+
+def in_fetch(length: int, **hyperparameters: Any) -> GTGrid:
+    space = spaces.Box(-np.inf, np.inf, (length,), np.float64)
+    return GTGrid(Setting(space, spaces.Box(-1, 1, (4,)), 1, 0, CPU), GTGridConfig(**hyperparameters))
+
+
+def moved(length: int, *states: list[float]) -> Rollout:
+    """Return the rollout of one sub-env through these states, which are filled up with noise."""
+    noise = torch.from_numpy(np.random.default_rng(0).normal(size=(len(states), 1, length)))
+    for row, state in zip(noise[:, 0], states, strict=True):
+        row[: len(state)] = torch.tensor(state, dtype=torch.float64)
+    zeros = torch.zeros(len(states) - 1, 1)
+    nowhere = torch.empty(len(states) - 1, 1, 0, dtype=torch.int64)
+    return Rollout(
+        observations=noise[:-1],
+        actions=zeros,
+        rewards=zeros,
+        terminated=zeros.bool(),
+        truncated=zeros.bool(),
+        values=zeros,
+        log_probs=zeros,
+        last_observations=noise[-1],
+        final_observations=noise[:0, 0],
+        positions=nowhere,
+        next_positions=nowhere,
+    )
+
+
+def test_a_cube_of_the_gripper_pays_at_its_first_visit() -> None:
+    """Within a cube, to the next along x, back, below zero along y, and to the next along z."""
+    states = [
+        [1.01, 0.01, 0.5],
+        [1.04, 0.04, 0.54],
+        [1.06, 0.01, 0.5],
+        [1.01, 0.01, 0.5],
+        [1.01, -0.01, 0.5],
+        [1, 0, 0.6],
+    ]
+    bonus = in_fetch(16, bonus_weight=1.0)
+    assert bonus.reward(moved(16, *states))[:, 0].tolist() == [0, 1, 0, 1, 1]
+    assert in_fetch(16, bonus_weight=1.0, cube_size=2.0).reward(moved(16, *states))[:, 0].tolist() == [0, 0, 0, 1, 0]
+
+
+def test_with_an_object_its_cube_counts_too() -> None:
+    here, there = [1.01, 0.51, 0.51], [1.06, 0.51, 0.51]
+    states = [here + here, here + there, there + there, there + here, here + there]
+    assert in_fetch(31, bonus_weight=1.0).reward(moved(31, *states))[:, 0].tolist() == [1, 1, 1, 0]
+    states = [[9e9, 0, 0], [-9e9, 0, 0], [9e9, 0, 0]]  # far outside, all cubes beyond an end are one
+    assert in_fetch(16, bonus_weight=1.0).reward(moved(16, *states))[:, 0].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(("task", "coordinates"), [("Reach", 3), ("Push", 6)])
+def test_on_fetch_against_a_set_of_rounded_coordinates(task: str, coordinates: int) -> None:
+    envs = gymnasium.make_vec(f"SPRL/Fetch{task}Sparse-v1", num_envs=1, substep=100)
+    envs.reset(seed=0)
+    collector = Collector(envs, 60, CPU)
+    collector.reset()
+    rollout = collector.collect(lambda _: Decision(torch.rand(1, 4) * 2 - 1, torch.zeros(1), torch.zeros(1)))
+    seen: set[tuple[int, ...]] = set()
+    expected = []
+    for step in range(60):
+        seen.add(tuple((rollout.observations[step, 0, :coordinates] / 0.05).floor().int().tolist()))
+        after = tuple((rollout.next_observations[step, 0, :coordinates] / 0.05).floor().int().tolist())
+        expected.append(float(after not in seen))
+        if rollout.ended[step]:
+            seen.clear()
+    setting = Setting(envs.single_observation_space, envs.single_action_space, 1, 0, CPU)
+    assert GTGrid(setting, GTGridConfig(bonus_weight=1.0)).reward(rollout)[:, 0].tolist() == expected
+    assert 5 < sum(expected) < 60
+
+
 # -------------------------------------------------------------------------------------- wrong spaces
 
 

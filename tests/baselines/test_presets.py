@@ -126,7 +126,7 @@ def test_gradients_are_cut_at_ten_where_the_authors_did_so() -> None:
 
 @pytest.mark.parametrize(
     ("agent", "domain", "preset"),
-    [("gt-grid", "fetch", "table"), ("gt-sprl", "atari", "table"), ("ppo", "grid", "ablation")],
+    [("gt-sprl", "fetch", "table"), ("gt-sprl", "atari", "table"), ("ppo", "grid", "ablation")],
 )
 def test_an_agent_without_such_a_preset_is_told_who_has_one(agent: str, domain: str, preset: str) -> None:
     with pytest.raises(
