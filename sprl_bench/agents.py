@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from importlib.metadata import entry_points
 from typing import Any, Protocol, runtime_checkable
 
@@ -122,9 +123,24 @@ def _installed(name: str) -> str:
     return found[name]
 
 
+@dataclass(frozen=True)
+class Hyperparameters:
+    """All hyperparameters of a run, resolved and checked.
+
+    Attributes:
+        values: What the factory will be called with.
+        num_envs: The number of sub-environments: the hyperparameter of that name, or 12 for an agent that has none.
+        differences: Those of the values that differ from the preset; `num_envs` may be among them.
+    """
+
+    values: Mapping[str, Any]
+    num_envs: int
+    differences: Mapping[str, Any]
+
+
 def resolve_hyperparameters(
     factory: AgentFactory, domain: str, overrides: Mapping[str, Any], preset: str = ""
-) -> tuple[dict[str, Any], int]:
+) -> Hyperparameters:
     """Resolve and check all hyperparameters of a run, once.
 
     Args:
@@ -133,10 +149,6 @@ def resolve_hyperparameters(
         overrides: What differs from the preset. `num_envs` may always be among them.
         preset: The name of a preset, or empty for the domain's own.
 
-    Returns:
-        What `factory` will be called with, and the number of sub-environments: the hyperparameter `num_envs`, or 12
-        for an agent that has none.
-
     Raises:
         ValueError: There is no such preset or hyperparameter, a value is out of range, or one without a default is
             missing.
@@ -144,14 +156,18 @@ def resolve_hyperparameters(
     if "preset" in overrides:
         preset = overrides["preset"]
         raise ValueError(f"preset is {preset!r}; it must be named behind the agent, as in AGENT@{preset}.")
-    given = dict(overrides)
     known = _resolve(factory, domain, {}, preset)
-    num_envs = None if "num_envs" in known else given.pop("num_envs", NUM_ENVS)
+    given, others = dict(overrides), {}
+    if "num_envs" not in known:
+        known["num_envs"] = NUM_ENVS
+        others["num_envs"] = given.pop("num_envs", NUM_ENVS)
     resolved = _resolve(factory, domain, given, preset)
     missing = [name for name, value in resolved.items() if value is inspect.Parameter.empty]
     if missing:
         raise ValueError(f"Hyperparameters of the agent without a default must be given: {', '.join(missing)}.")
-    return resolved, resolved["num_envs"] if num_envs is None else num_envs
+    chosen = {**resolved, **others}
+    differences = {name: value for name, value in chosen.items() if name not in known or value != known[name]}
+    return Hyperparameters(resolved, chosen["num_envs"], differences)
 
 
 def _resolve(factory: AgentFactory, domain: str, overrides: Mapping[str, Any], preset: str) -> dict[str, Any]:

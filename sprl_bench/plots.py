@@ -145,16 +145,20 @@ def draw_curves(tables: Sequence[Table], results: Collection[Result]) -> Figure:
 
 
 def _looks(agents: Iterable[str]) -> dict[str, Look]:
-    """Return each agent's look; its presets, as sprl@tuned, have its colour and other dashes."""
+    """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes."""
     looks: dict[str, Look] = {}
     families: dict[str, str] = {}
-    for agent in sorted(set(agents), key=lambda name: ("@" in name, name)):
-        family = agent.partition("@")[0]
+    for agent in sorted(set(agents), key=lambda name: (_family(name) != name, name)):
+        family = _family(agent)
         colour = families.setdefault(family, COLOURS[len(families) % len(COLOURS)])
         wanted = [Look(colour, dashes) for dashes in DASHES]
         others = [Look(other, dashes) for dashes in DASHES for other in COLOURS]
         looks[agent] = next((look for look in (*wanted, *others) if look not in looks.values()), wanted[0])
     return dict(sorted(looks.items()))
+
+
+def _family(agent: str) -> str:
+    return agent.partition("+")[0].partition("@")[0]
 
 
 def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -> None:

@@ -37,16 +37,16 @@ def make_spec(
     agent: str = "harness_fakes:walker", budget: int = BUDGET, seed: int = 0, num_envs: int = 3, **overrides: Any
 ) -> RunSpec:
     factory = load_factory(agent)
-    hyperparameters, num_envs = resolve_hyperparameters(factory, "grid", {**overrides, "num_envs": num_envs})
+    chosen = resolve_hyperparameters(factory, "grid", {**overrides, "num_envs": num_envs})
     return RunSpec.of(
         CUSTOM,
         with_budget(find_suite("smoke").tasks[0], budget),
-        hyperparameters=hyperparameters,
+        hyperparameters=chosen.values,
         agent=agent.partition(":")[2] or agent,
         source=agent,
         privileged=False,
         seed=seed,
-        num_envs=num_envs,
+        num_envs=chosen.num_envs,
     )
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final
@@ -117,34 +116,3 @@ def parse_seeds(text: str) -> list[int]:
     if not 0 < numbers[0] <= 10_000:
         raise ValueError(f"seeds is {text!r}; it must be from 1 to 10000 (a single seed is written as {text},).")
     return list(range(numbers[0]))
-
-
-def parse_settings(settings: Sequence[str], option: str = "--set") -> dict[str, object]:
-    """Return the values of "key=value" arguments of `option`: each as JSON if it is valid JSON, else as text.
-
-    Raises:
-        ValueError: There is no "=", a key is given twice, or a value is not finite.
-    """
-    chosen: dict[str, object] = {}
-    for setting in settings:
-        key, equals, value = setting.partition("=")
-        if not equals or not key:
-            raise ValueError(f"{option} is {setting!r}; it must be KEY=VALUE.")
-        if key in chosen:
-            raise ValueError(f"{option} gives {key!r} twice.")
-        chosen[key] = _value(f"{option} {key}", value)
-    return chosen
-
-
-def _value(name: str, text: str) -> object:
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError:
-        return text
-    except (RecursionError, ValueError):
-        raise ValueError(f"{name} is {text[:40]!r}...; it must be shorter or less nested.") from None
-    try:
-        json.dumps(value, allow_nan=False)
-    except ValueError:
-        raise ValueError(f"{name} is {text[:40]!r}; it must be finite.") from None
-    return value

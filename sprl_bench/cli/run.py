@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sprl_bench.cli.options import find_modules_here, parse_seeds, parse_settings, split_names
+from sprl_bench.agent_names import parse_settings
+from sprl_bench.cli.options import find_modules_here, parse_seeds, split_names
 
 if TYPE_CHECKING:  # loaded when the command needs them
     from sprl_bench.records import RunSpec
@@ -24,7 +25,8 @@ def run(
         typer.Option(
             "--agents",
             "--agent",
-            help="Agents, with commas between; your own as package.module:factory; a preset as in sprl@ablation.",
+            help="Agents, with commas between; your own as package.module:factory; a preset as in sprl@ablation, and "
+            "other settings as in sprl@ablation+k=3+tolerance=25.",
         ),
     ],
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
@@ -35,7 +37,7 @@ def run(
     budget: Annotated[int | None, typer.Option(min=1, help="Environment steps, instead of each task's own.")] = None,
     setting: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A hyperparameter; may be given several times."),
+        typer.Option("--set", metavar="KEY=VALUE", help="A hyperparameter of all agents; may be given several times."),
     ] = None,
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",

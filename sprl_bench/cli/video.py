@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sprl_bench.cli.options import find_modules_here, parse_settings
+from sprl_bench.agent_names import parse_settings
+from sprl_bench.cli.options import find_modules_here
 
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.tasks import Argument

@@ -22,6 +22,7 @@ from sprl_bench.records.folder import RECORD, run_path
 from sprl_bench.tasks import Suite, Task
 
 SHOWN_LETTERS = 60
+FOLLOWING = {"preset", "differences", "hyperparameters_hash"}  # from the agent's name and all hyperparameters
 LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
 
 
@@ -55,7 +56,9 @@ def _plain_integer(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
-Name = Annotated[str, Field(min_length=1, max_length=100), AfterValidator(_printable), AfterValidator(_file_name)]
+Name = Annotated[
+    str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable), AfterValidator(_file_name)
+]
 Line = Annotated[str, Field(max_length=300), AfterValidator(_printable)]
 Count = Annotated[int, Field(ge=0, lt=2**53), BeforeValidator(_plain_integer)]
 Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
@@ -135,6 +138,10 @@ class RunSpec(Data):
     task: TaskSpec
     agent: Name
     source: Line = Field(description='Entry point or "package.module:attribute"; empty for a recorded script.')
+    preset: Line = Field(default="", description="That the hyperparameters come from; empty where there is none.")
+    differences: dict[Line, Json] = Field(
+        default_factory=dict, description="The hyperparameters that differ from the preset; num_envs may be among them."
+    )
     privileged: bool
     hyperparameters: dict[Line, Json]
     hyperparameters_hash: Line
@@ -176,8 +183,8 @@ class RunSpec(Data):
 
 def differences(on_disk: RunSpec, now: RunSpec) -> list[str]:
     """Return a line for each field, hyperparameter or argument that differs, such as "seed: 0 on disk, 1 now"."""
-    old, new = _flat(on_disk.model_dump(mode="json")), _flat(now.model_dump(mode="json"))
-    names = [name for name in {**old, **new} if name != "hyperparameters_hash"]
+    old, new = (_flat(spec.model_dump(mode="json", exclude=FOLLOWING)) for spec in (on_disk, now))
+    names = [*{**old, **new}]
     changes = [
         f"{name.removeprefix('hyperparameters.')}: {old.get(name, 'absent')!r} on disk, {new.get(name, 'absent')!r} now"
         for name in names

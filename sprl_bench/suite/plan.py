@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
+from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.suite.devices import resolve_device
@@ -35,11 +37,11 @@ def expand(
     Args:
         suite: Which tasks.
         agents: Names of installed agents, or "package.module:factory" for your own, named by its last part. A preset
-            is chosen by "agent@preset", which is then the agent's name.
+            and hyperparameters that differ from it belong to the name: "agent@preset+key=value+key=value".
         seeds: One run each.
         tasks: Names of some of the suite's tasks; by default all.
         budget: Environment steps, instead of each task's own.
-        overrides: Hyperparameters that differ from the preset, for all agents.
+        overrides: Hyperparameters that differ from the preset, for all agents; they do not belong to the name.
         device: Where agents compute: "cpu", "cuda", "cuda:N", or "auto" for a GPU if there is one.
         torch_threads: Threads of each run.
 
@@ -47,10 +49,13 @@ def expand(
         ValueError: Something is unknown, out of range, or given twice.
     """
     chosen = [_with_budget(suite, task, budget) for task in _chosen_tasks(suite, tasks)]
-    _refuse_repeats("agents", [_agent_name(agent) for agent in agents])
+    names = [AgentName.parse(agent) for agent in agents]
+    _refuse_repeats("agents", [str(name) for name in names])
     _refuse_repeats("seeds", seeds)
     made = partial(_spec, overrides=overrides, device=resolve_device(device), torch_threads=torch_threads)
-    return [made(*place, agent, seed) for seed in seeds for place in chosen for agent in agents]
+    specs = [made(*place, name, seed) for seed in seeds for place in chosen for name in names]
+    _refuse_repeats("agents", [spec.agent for spec in specs[: len(names)]])
+    return specs
 
 
 def _chosen_tasks(suite: Suite, names: Sequence[str] | None) -> Sequence[Task]:
@@ -74,34 +79,43 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
         raise ValueError(f"{name} is empty; it must hold at least one.")
 
 
-def _agent_name(agent: str) -> str:
-    source, preset = _split_preset(agent)
-    name = source.partition(":")[2].replace(".", "-") or source
-    return f"{name}@{preset}" if preset else name
-
-
-def _split_preset(agent: str) -> tuple[str, str]:
-    """Return the agent and the preset in "agent@preset"; the preset is empty if none is named."""
-    source, at, preset = agent.partition("@")
-    if at and not preset:
-        raise ValueError(f"agents holds {agent!r}; it must have the name of a preset after the @.")
-    return source, preset
-
-
-def _spec(suite: Suite, task: Task, agent: str, seed: int, *, overrides: Mapping[str, Any], **machine: Any) -> RunSpec:
-    source, preset = _split_preset(agent)
-    factory = load_factory(source)
-    if preset and preset == getattr(factory, "default_preset", None):
-        raise ValueError(f"agents holds {agent!r}; it must be {source!r}, whose preset is {preset!r}.")
-    hyperparameters, num_envs = resolve_hyperparameters(factory, task.domain, overrides, preset)
+def _spec(
+    suite: Suite, task: Task, name: AgentName, seed: int, *, overrides: Mapping[str, Any], **machine: Any
+) -> RunSpec:
+    factory = load_factory(name.source)
+    default = getattr(factory, "default_preset", "")
+    if name.preset and name.preset == default:
+        raise ValueError(
+            f"agents holds {name.plain!r}; it must be {replace(name, preset='').plain!r}, whose preset is {default!r}."
+        )
+    if both := sorted(set(overrides) & set(name.differences)):
+        raise ValueError(f"overrides holds {both[0]!r}; the agent {str(name)!r} must not give it too.")
+    chosen = resolve_hyperparameters(factory, task.domain, {**overrides, **name.differences}, name.preset)
     return RunSpec.of(
         suite,
         task,
-        hyperparameters=hyperparameters,
-        agent=_agent_name(agent),
-        source=source,
+        hyperparameters=chosen.values,
+        agent=str(_in_full(name, chosen.differences)),
+        source=name.source,
+        preset=name.preset or default,
+        differences=dict(chosen.differences),
         privileged=getattr(factory, "privileged", False),
         seed=seed,
-        num_envs=num_envs,
+        num_envs=chosen.num_envs,
         **machine,
     )
+
+
+def _in_full(name: AgentName, differences: Mapping[str, Any]) -> AgentName:
+    """Return the name with the values of its differences as they were resolved.
+
+    Raises:
+        ValueError: One of them is the preset's own value.
+    """
+    for key, value in name.differences.items():
+        if key not in differences:
+            plainer = replace(
+                name, differences={other: name.differences[other] for other in name.differences if other != key}
+            )
+            raise ValueError(f"agents holds {str(name)!r}; it must be {str(plainer)!r}, whose {key} is {value!r}.")
+    return replace(name, differences={key: differences[key] for key in name.differences})

@@ -370,11 +370,12 @@ def test_the_installed_name_leads_to_the_factory(name: str) -> None:
 @every_agent
 def test_resolved_hyperparameters_are_whole_plain_and_stable(name: str) -> None:
     factory = FACTORIES[name]
-    resolved, num_envs = resolve_hyperparameters(factory, "grid", {"num_envs": 6})
-    assert resolved["num_envs"] == num_envs == 6
-    assert json.loads(json.dumps(resolved)) == resolved
-    assert resolve_hyperparameters(factory, "grid", resolved) == (resolved, 6)
-    factory(seed=0, **resolved)
+    resolved = resolve_hyperparameters(factory, "grid", {"num_envs": 6})
+    assert resolved.values["num_envs"] == resolved.num_envs == 6
+    assert resolved.differences == {"num_envs": 6}
+    assert json.loads(json.dumps(resolved.values)) == resolved.values
+    assert resolve_hyperparameters(factory, "grid", resolved.values) == resolved
+    factory(seed=0, **resolved.values)
 
 
 @every_agent

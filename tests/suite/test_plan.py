@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from sprl_bench.agent_names import AgentName
 from sprl_bench.suite import devices, expand, require_device
 from sprl_bench.tasks import find_suite
 
@@ -45,6 +48,53 @@ def test_an_agent_with_another_preset_is_an_agent_of_its_own() -> None:
     assert (table.hyperparameters["k"], ablation.hyperparameters["k"]) == (2, 5)
     (spec,) = expand(SMOKE, ["sprl@ablation"], [0], overrides={"k": 3})
     assert spec.hyperparameters == {**ablation.hyperparameters, "k": 3}
+
+
+def test_a_variant_is_an_agent_of_its_own_and_its_record_says_what_differs() -> None:
+    named = ["sprl", "sprl+tolerance=25+k=5", "sprl@ablation+cost_scale=1", f"{WALKER}+rollout=7", "random+num_envs=3"]
+    plain, longer, scaled, walker, random = expand(SMOKE, named, [0])
+    agents = ["sprl", "sprl+k=5+tolerance=25", "sprl@ablation+cost_scale=1.0", "walker+rollout=7", "random+num_envs=3"]
+    assert [spec.agent for spec in (plain, longer, scaled, walker, random)] == agents
+    assert [spec.preset for spec in (plain, longer, scaled, walker, random)] == ["table", "table", "ablation", "", ""]
+    assert (plain.differences, longer.differences) == ({}, {"k": 5, "tolerance": 25})
+    assert longer.hyperparameters == {**plain.hyperparameters, "k": 5, "tolerance": 25}
+    assert (scaled.differences, scaled.hyperparameters["k"]) == ({"cost_scale": 1.0}, 5)
+    assert (walker.differences, walker.hyperparameters["rollout"], walker.source) == ({"rollout": 7}, 7, WALKER)
+    assert (random.differences, random.hyperparameters, random.num_envs) == ({"num_envs": 3}, {"num_envs": 3}, 3)
+
+
+def test_a_setting_for_all_agents_is_a_difference_that_is_not_in_the_name() -> None:
+    (spec,) = expand(SMOKE, ["sprl+k=5"], [0], overrides={"tolerance": 25, "tolerance_samples": 60})
+    assert (spec.agent, spec.differences) == ("sprl+k=5", {"k": 5, "tolerance": 25})
+
+
+def test_large_and_small_numbers_keep_their_plus_and_minus() -> None:
+    (spec,) = expand(SMOKE, [f"{WALKER}+pause_s=1e+20+after=-3"], [0])
+    assert spec.agent == "walker+after=-3+pause_s=1e20"
+    assert spec.differences == {"pause_s": 1e20, "after": -3}
+    (again,) = expand(SMOKE, [f"harness_fakes:{spec.agent}"], [0])
+    assert again == spec.model_copy(update={"source": again.source})
+
+
+settings = st.fixed_dictionaries(
+    {},
+    optional={
+        "k": st.sampled_from([1, 3, 5]),
+        "cost_scale": st.sampled_from([0.1, 0.5, 1.0]),
+        "negatives": st.sampled_from(["double"]),
+        "anneal_learning_rate": st.sampled_from([True, False]),
+        "num_envs": st.sampled_from([3, 6]),
+    },
+)
+
+
+@given(settings, st.sampled_from(["sprl", "sprl@ablation"]))
+def test_a_variant_runs_as_its_settings_given_one_by_one(chosen: dict[str, Any], agent: str) -> None:
+    (one_by_one,) = expand(SMOKE, [agent], [0], overrides=chosen)
+    name = AgentName(agent.partition("@")[0], agent.partition("@")[2], one_by_one.differences)
+    (variant,) = expand(SMOKE, [str(name)], [0])
+    assert AgentName.parse(variant.agent) == name
+    assert variant == one_by_one.model_copy(update={"agent": variant.agent})
 
 
 def test_seeds_may_be_numpys() -> None:
@@ -123,6 +173,25 @@ def test_privileged_agents_are_marked() -> None:
         ({"agents": ["sprl@ablatoin"]}, "'ablatoin'; did you mean 'ablation'"),
         ({"agents": ["spr@ablation"]}, "Unknown agent 'spr'; did you mean 'sprl'"),
         ({"agents": ["sprl@"]}, "agents holds 'sprl@'; it must have the name of a preset after the @"),
+        ({"agents": ["sprl+"]}, "agents holds 'sprl\\+'; it must be AGENT, AGENT@PRESET or AGENT@PRESET\\+KEY=VALUE"),
+        ({"agents": ["sprl+k"]}, "agents holds 'sprl\\+k'; it must be AGENT, "),
+        ({"agents": ["+k=3"]}, "agents holds '\\+k=3'; it must be AGENT, "),
+        ({"agents": ["sprl+=3"]}, "agents holds 'sprl\\+=3', where a difference is '=3'; it must be KEY=VALUE"),
+        ({"agents": ["sprl+k=3+k=4"]}, "where a difference gives 'k' twice"),
+        ({"agents": ["sprl+k=0"]}, "Hyperparameter k is 0; it must be a whole number, at least 1"),
+        ({"agents": ["sprl+k=many"]}, "Hyperparameter k is 'many'; it must be a whole number"),
+        ({"agents": ["sprl+k="]}, "Hyperparameter k is ''; it must be a whole number"),
+        ({"agents": ["sprl+tolerence=3"]}, "Unknown hyperparameter 'tolerence'; did you mean 'tolerance'"),
+        ({"agents": ["sprl+k=2"]}, "agents holds 'sprl\\+k=2'; it must be 'sprl', whose k is 2"),
+        ({"agents": ["sprl@ablation+k=5+tolerance=3"]}, "must be 'sprl@ablation\\+tolerance=3', whose k is 5"),
+        ({"agents": ["sprl+k=3+bias=1", "sprl+bias=1.0+k=3"]}, "agents holds 'sprl\\+bias=1.0\\+k=3' more than once"),
+        (
+            {"agents": ["sprl+k=3"], "overrides": {"k": 4}},
+            "overrides holds 'k'; the agent 'sprl\\+k=3' must not give it",
+        ),
+        ({"agents": ["sprl@table+k=3"]}, "agents holds 'sprl@table'; it must be 'sprl', whose preset is 'table'"),
+        ({"agents": [f"{WALKER}+trouble=a/b"]}, "agent: 'walker\\+trouble=a/b' cannot name a folder"),
+        ({"agents": [f"{WALKER}+tempo=1"]}, "Unknown hyperparameter 'tempo'"),
         ({"agents": ["random@table"]}, "preset is 'table'; it must be left out, as this agent has no presets"),
         ({"agents": [f"{WALKER}@table"]}, "preset is 'table'; it must be left out, as this agent has no presets"),
         ({"agents": ["sprl"], "overrides": {"preset": "table"}}, "must be named behind the agent, as in AGENT@table"),

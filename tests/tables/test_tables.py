@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from sprl_bench import scores
-from sprl_bench.records import RunRecord
+from sprl_bench.records import RunRecord, RunSpec
+from sprl_bench.suite import expand
 from sprl_bench.tables import (
     BOOTSTRAP_SEED,
     FORMATS,
@@ -26,6 +29,7 @@ from sprl_bench.tables import (
 )
 from sprl_bench.tables.render import interval_text, sparkline
 from sprl_bench.tables.text_table import number
+from sprl_bench.tasks import find_suite
 
 MakeRecord = Callable[..., RunRecord]
 FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
@@ -436,3 +440,31 @@ def test_a_terminal_shows_the_mean_learning_curve_and_other_formats_do_not(risin
 
 def test_a_sparkline_stays_within_its_blocks() -> None:
     assert sparkline([-1.0, 0.0, 0.49, 0.51, 1.0, 7.0]) == "▁▁▄▅██"
+
+
+# ---------------------------------------------------------------------------------------------- variants
+
+levels = st.lists(st.floats(0, 1), min_size=2, max_size=4)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # it only makes records
+@given(scores_by_k=st.dictionaries(st.sampled_from([1, 3, 5]), levels, min_size=1))
+def test_variants_in_one_table_have_the_rows_of_tables_of_their_own(
+    make_record: MakeRecord, scores_by_k: dict[int, list[float]]
+) -> None:
+    """A variant's row is the one that the same runs have where `--set` gave them the plain name."""
+    together, alone = [], []
+    for k, of_seeds in scores_by_k.items():
+        (variant,) = expand(find_suite("smoke"), [f"sprl+k={k}"], [0])
+        (plain,) = expand(find_suite("smoke"), ["sprl"], [0], overrides={"k": k})
+        runs = [make_record("sprl", seed=seed, level=level) for seed, level in enumerate(of_seeds)]
+        together += [_as(run, variant) for run in runs]
+        [table] = tabulate([_as(run, plain) for run in runs])
+        alone.append(table.rows[0].model_copy(update={"agent": variant.agent}))
+    [table] = tabulate(together)
+    assert sorted(table.rows, key=lambda row: row.agent) == sorted(alone, key=lambda row: row.agent)
+
+
+def _as(run: RunRecord, spec: RunSpec) -> RunRecord:
+    """Return the run under another spec, with its own task and seed."""
+    return run.model_copy(update={"spec": spec.model_copy(update={"task": run.spec.task, "seed": run.spec.seed})})
