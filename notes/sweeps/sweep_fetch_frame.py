@@ -49,6 +49,14 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "entropy-.01": {**BASE, "entropy_coefficient": 0.01},
     "annealed": {**BASE, "anneal_learning_rate": True, "anneal_clip_range": True},
     "landed": {**LANDED, **PER_ACTION},
+    # By the declared rule, once the ten were there: all levels that were better than the base by more than .01.
+    "combination": {
+        **BASE,
+        "num_envs": 12,
+        "reward_normalization": "extrinsic",
+        "reward_clip": 10.0,
+        "entropy_coefficient": 0.001,
+    },
 }
 
 
