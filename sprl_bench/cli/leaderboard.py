@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
@@ -12,6 +13,7 @@ from sprl_bench.cli import options
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.submission import Status
     from sprl_bench.records import RunRecord, RunSpec
+    from sprl_bench.tables import Table
 
 app = typer.Typer(
     help="Show, check, extend and challenge the leaderboards.",
@@ -31,6 +33,7 @@ Seeds = Annotated[
 @app.command("show")
 def show(
     suite: Annotated[str | None, typer.Argument(help="The suite; by default all.")] = None,
+    pending: Annotated[bool, typer.Option("--pending", help="The runs in ./leaderboards/pending.")] = False,
     form: options.Format = None,
     output: options.Output = None,
     home: Home = None,
@@ -40,8 +43,26 @@ def show(
     from sprl_bench.tables import FORMATS, render
 
     form = options.choose_format(form, output, FORMATS)
-    boards = leaderboard.boards(home or leaderboard.home(), suite)
+    if pending:
+        boards = _pending_tables(home or leaderboard.own_home(), suite)
+    else:
+        boards = leaderboard.boards(home or leaderboard.home(), suite)
     options.deliver(render(boards, form, width=options.terminal_width(output)), output)
+
+
+def _pending_tables(home: Path, suite: str | None) -> list[Table]:
+    """Return the tables of the pending runs, with a note for each entry that is not complete."""
+    from sprl_bench import leaderboard
+    from sprl_bench.tables import tabulate
+
+    found = [one for one in leaderboard.find_pending(home) if suite in (None, one.suite)]
+    if not found:
+        raise ValueError(f"{home} has no pending run{f' of suite {suite!r}' if suite else ''}.")
+    for one in found:
+        typer.echo(
+            f"{one.suite}, {one.agent}: {len(one.runs)} runs, {leaderboard.missing_runs(one)} missing.", err=True
+        )
+    return tabulate([run for one in found for run in one.runs], allow_missing=True)
 
 
 @app.command("validate")
@@ -56,28 +77,80 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
     return 1 if complaints else 0
 
 
+Authors = Annotated[list[str] | None, typer.Option("--author", "--authors", help="May be given several times.")]
+Link = Annotated[str | None, typer.Option(help="The paper or the code.")]
+EntryStatus = Annotated[str, typer.Option("--status", help="reported, or reproduced: run again by someone else.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")]
+
+
 @app.command("add")
 def add(
     runs: options.Runs,
     agent: Annotated[str, typer.Option(help="The agent.")],
-    authors: Annotated[list[str], typer.Option("--author", "--authors", help="May be given several times.")],
-    link: Annotated[str, typer.Option(help="The paper or the code.")],
+    authors: Authors = None,
+    link: Link = None,
     suite: Annotated[str | None, typer.Option(help="Needed if the agent has runs of several suites.")] = None,
-    status: Annotated[str, typer.Option(help="reported, or reproduced: run again by someone else.")] = "reported",
+    status: EntryStatus = "reported",
     seeds: Seeds = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an entry of the same name.")] = False,
+    replace: Replace = False,
+    pending: Annotated[
+        bool,
+        typer.Option("--pending", help="Keep the finished runs, as many as there are, until the entry is complete."),
+    ] = False,
     home: OwnHome = None,
 ) -> None:
     """Make an entry from an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
 
-    options.check_choice("status", status, ("reported", "reproduced"))
     records, planned = _runs_of(runs, seeds)
+    home = home or leaderboard.own_home()
+    if not pending:
+        _write_entry(records, agent, authors, link, suite, status, home, replace, planned)
+        return
+    for path in leaderboard.add_pending(records, home, agent=agent, suite=suite):
+        kept = leaderboard.read_pending(path)
+        typer.echo(f"Wrote {path}: {len(kept.runs)} runs, {leaderboard.missing_runs(kept)} missing.", err=True)
+
+
+@app.command("promote")
+def promote(
+    suite: Annotated[str, typer.Option(help="The suite.")],
+    agent: Annotated[str, typer.Option(help="The agent.")],
+    authors: Authors = None,
+    link: Link = None,
+    status: EntryStatus = "reported",
+    replace: Replace = False,
+    home: OwnHome = None,
+) -> None:
+    """Make an entry from an agent's pending runs, and remove those."""
+    from sprl_bench import leaderboard
+
+    home = home or leaderboard.own_home()
+    path = leaderboard.pending_path(home, suite, agent)
+    _write_entry(leaderboard.read_pending(path).runs, agent, authors, link, suite, status, home, replace)
+    path.unlink()
+
+
+def _write_entry(
+    records: Sequence[RunRecord],
+    agent: str,
+    authors: list[str] | None,
+    link: str | None,
+    suite: str | None,
+    status: str,
+    home: Path,
+    replace: bool,
+    planned: Sequence[RunSpec] = (),
+) -> None:
+    from sprl_bench import leaderboard
+
+    options.check_choice("status", status, ("reported", "reproduced"))
+    if not authors or not link:
+        raise ValueError(f"{'link' if authors else 'author'} is missing; an entry must name its authors and a link.")
     entry = leaderboard.make_entry(
         records, agent=agent, authors=authors, link=link, suite=suite, status=cast("Status", status), planned=planned
     )
-    path = leaderboard.add_entry(entry, home or leaderboard.own_home(), replace=replace)
-    typer.echo(f"Wrote {path}.", err=True)
+    typer.echo(f"Wrote {leaderboard.add_entry(entry, home, replace=replace)}.", err=True)
 
 
 @app.command("compare")

@@ -14,7 +14,7 @@ from sprl_bench.agent_names import parse_settings
 from sprl_bench.cli.options import find_modules_here, parse_seeds, split_names
 
 if TYPE_CHECKING:  # loaded when the command needs them
-    from sprl_bench.records import RunSpec
+    from sprl_bench.records import RunRecord, RunSpec
     from sprl_bench.suite import Outcome
 
 
@@ -42,9 +42,13 @@ def run(
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+    known: Annotated[
+        Path | None, typer.Option(help="A folder of pending runs, which count as finished: leaderboards/pending.")
+    ] = None,
 ) -> int:
     """Train agents on a suite; the same command again continues where it stopped."""
     from sprl_bench.executors import make_executor
+    from sprl_bench.leaderboard import find_pending, split_known
     from sprl_bench.progress import make_observer
     from sprl_bench.suite import expand, require_device, run_suite
     from sprl_bench.tasks import find_suite
@@ -64,18 +68,21 @@ def run(
     works = make_executor(executor, workers)
     if executor == "local":  # the nodes of a cluster may have other devices
         require_device(device)
-    outcomes = run_suite(specs, out, executor=works, observer=make_observer())
-    return _report(specs, outcomes, out)
+    left, found = split_known(specs, find_pending(known)) if known else (specs, [])
+    if found:
+        typer.echo(f"{len(found)} of {len(specs)} runs are known from {known}.", err=True)
+    outcomes = run_suite(left, out, executor=works, observer=make_observer())
+    return _report(left, found, outcomes, out)
 
 
-def _report(specs: Sequence[RunSpec], outcomes: Sequence[Outcome], out: Path) -> int:
+def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequence[Outcome], out: Path) -> int:
     """Show the table of these runs, their folder, and the next commands; return the exit status."""
     from sprl_bench.cli.table import print_tables
     from sprl_bench.records import RunRecord, read
     from sprl_bench.records.folder import ERROR, RECORD, run_path
 
     there = [path for spec in specs if (path := spec.path(out) / RECORD).exists()]
-    records = [read(path, RunRecord) for path in there]
+    records = [*known, *(read(path, RunRecord) for path in there)]
     complete = any(record.status == "complete" for record in records)
     if complete:
         typer.echo()

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from sprl_bench.leaderboard.comparison import COMPARISON_FORMATS, compare, render_comparisons, side_by_side
 from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.leaderboard.pending import (
+    PendingEntry,
+    add_pending,
+    find_pending,
+    missing_runs,
+    pending_path,
+    read_pending,
+    split_known,
+)
 from sprl_bench.leaderboard.store import (
     add_entry,
     board,
@@ -22,19 +31,26 @@ from sprl_bench.leaderboard.submission import make_entry
 __all__ = [
     "COMPARISON_FORMATS",
     "Entry",
+    "PendingEntry",
     "add_entry",
+    "add_pending",
     "board",
     "boards",
     "compare",
     "entry_path",
     "find_board",
     "find_entries",
+    "find_pending",
     "home",
     "make_entry",
+    "missing_runs",
     "own_home",
+    "pending_path",
     "read_entry",
+    "read_pending",
     "render_comparisons",
     "schema",
     "side_by_side",
+    "split_known",
     "validate",
 ]

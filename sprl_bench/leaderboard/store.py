@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from sprl_bench.leaderboard.entries import Entry
+from sprl_bench.leaderboard.pending import FOLDER, read_pending
 from sprl_bench.leaderboard.submission import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.shipped import find_shipped
@@ -119,16 +120,23 @@ def find_board(name: Path) -> list[Entry]:
 
 def _names(folder: Path) -> list[str]:
     """Return the names of the boards below the folder of all boards."""
-    return sorted(path.name for path in folder.iterdir() if path.is_dir()) if folder.is_dir() else []
+    if not folder.is_dir():
+        return []
+    return sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name != FOLDER)
 
 
 def validate(paths: Iterable[Path]) -> list[str]:
-    """Return one line for each file that is no valid entry, or not comparable with those in its folder."""
+    """Return one line for each file that is no valid entry, or not comparable with those in its folder.
+
+    Files of pending runs are checked, too.
+    """
     complaints = []
     for path in paths:
         try:
-            entry = read_entry(path)
-            _check_beside(entry, path)
+            if FOLDER in path.resolve().parts[-3:-2]:
+                read_pending(path)
+            else:
+                _check_beside(read_entry(path), path)
         except InvalidFileError as error:
             complaints.append(str(error))
         except IncomparableError as error:

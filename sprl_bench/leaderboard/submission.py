@@ -112,8 +112,18 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
     seeds = {result.seed for result in results}
     if len(seeds) < MINIMUM_SEEDS:
         raise MissingRunsError(f"An entry needs at least {MINIMUM_SEEDS} seeds; {agent} has {len(seeds)}.")
+    check_uniform(complete, results)
+
+
+def check_uniform(complete: Sequence[RunRecord], results: Sequence[Result]) -> None:
+    """Check that the runs of one agent are made by one version of its code and of each package.
+
+    Raises:
+        IncomparableError: They are not.
+    """
     codes = {code for result in results for code in result.agent_codes}
     if len(codes) > 1 and complete[0].spec.source:  # a script may change between seeds; boards note it
+        agent = results[0].agent
         raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
     for package, text in version_differences(results).items():
         raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
