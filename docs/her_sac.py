@@ -52,7 +52,7 @@ def main() -> None:
     task = find_suite(chosen.suite).task(chosen.task)
     budget = chosen.budget or task.budget
     hyperparameters = settings(task, chosen.discount_per)
-    agent = "her-sac" if chosen.discount_per == "action" else "her-sac-simulated-time"
+    agent = "her-sac" if chosen.discount_per == "action" else "her-sac-per-reference-action"
     with sprl_bench.recording(
         out=chosen.out,
         agent=agent,

@@ -316,6 +316,11 @@ def find_records(root: Path) -> list[RunRecord]:
         InvalidFileError: One of them is broken.
         FileNotFoundError: There is no such folder.
     """
+    return [record for _, record in find_recorded(root)]
+
+
+def find_recorded(root: Path) -> list[tuple[Path, RunRecord]]:
+    """Return the folder and the record of each run that has one, as `find_records` does."""
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    return [read(path, RunRecord) for path in sorted(root.rglob(RECORD))]
+    return [(path.parent, read(path, RunRecord)) for path in sorted(root.rglob(RECORD))]

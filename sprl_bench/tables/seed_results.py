@@ -42,6 +42,7 @@ class Result:
     torch_threads: int
     abandoned_share: float  # of the episodes: reset before their end
     return_curve: tuple[float, ...]
+    success_curve: tuple[float, ...]
     scores: Scores
 
     @classmethod

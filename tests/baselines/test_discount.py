@@ -34,6 +34,6 @@ def test_the_fetch_environments_say_how_long_an_action_lasts() -> None:
 
 @pytest.mark.parametrize("agent", [ppo, icm, eco, sprl, rnd])
 def test_both_discounts_are_presets_of_fetch(agent: Any) -> None:
-    per_action, per_time = (agent.hyperparameters("fetch", {}, preset) for preset in ("table", "simulated-time"))
+    per_action, per_time = (agent.hyperparameters("fetch", {}, preset) for preset in ("per-action", "table"))
     assert per_time == {**per_action, "discount_per": "reference-action"}
     assert per_action["discount_per"] == "action"
