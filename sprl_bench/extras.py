@@ -32,7 +32,7 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
     {
         "baselines": Extra(("torch",), "the reference agents, except the random one"),
         "fetch": Extra(("gymnasium_robotics", "mujoco"), "the Fetch environments"),
-        "plots": Extra(("matplotlib",), "sprl-bench plot"),
+        "plots": Extra(("matplotlib", "pandas"), "sprl-bench plot, and results as data frames"),
         "ray": Extra(("ray",), "--executor ray"),
         "slurm": Extra(("submitit",), "--executor slurm"),
         "video": Extra(("imageio_ffmpeg", "imageio"), "sprl-bench video"),

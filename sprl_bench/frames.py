@@ -56,7 +56,8 @@ def hyperparameters(root: str | Path) -> DataFrame:
     """
     records = find_records(Path(root))
     frame = _frame({**_key(one.spec), **one.spec.hyperparameters} for one in records)
-    return frame.astype({name: _nullable(one.spec.hyperparameters.get(name) for one in records) for name in frame})
+    values = {name: [one.spec.hyperparameters.get(str(name)) for one in records] for name in frame.columns}
+    return frame.astype({name: _nullable(column) for name, column in values.items()})
 
 
 def _nullable(values: Iterable[object]) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sprl_bench import scores
+from sprl_bench.extras import require_extra
 from sprl_bench.leaderboard.entries import Entry, is_telling
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
@@ -23,6 +24,9 @@ from sprl_bench.tables import (
 )
 from sprl_bench.tables.render import PRIVILEGED, interval_text
 from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
+
+if TYPE_CHECKING:  # the extra `plots`
+    from pandas import DataFrame
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
 SINGLE = "A single seed has no interval (-)."
@@ -54,6 +58,32 @@ class Comparison(Data):
     overall: Difference
     overall_iqm: Difference
     notes: tuple[str, ...]
+
+    def to_frame(self) -> DataFrame:
+        """Return the differences as a pandas data frame: one row a task, then "all" (means) and "all, IQM".
+
+        It is indexed by `agent`, `entry` and `task`. Columns: `runs` and `entry_auc`, the two AUCs; `difference`, `low`
+        and `high`, its 95 % interval, missing for a single seed.
+
+        Raises:
+            ModuleNotFoundError: pandas, of the extra `plots`, is not installed.
+        """
+        named = [*((one.task, one) for one in self.tasks), ("all", self.overall), ("all, IQM", self.overall_iqm)]
+        rows = [
+            {
+                "agent": self.agent,
+                "entry": self.entry,
+                "task": task,
+                "runs": one.runs,
+                "entry_auc": one.entry,
+                "difference": one.difference,
+                **dict(zip(("low", "high"), one.interval or (None, None), strict=True)),
+            }
+            for task, one in named
+        ]
+        texts = dict.fromkeys(("agent", "entry", "task"), "string[python]")
+        frame: DataFrame = require_extra("pandas").DataFrame(rows)
+        return frame.astype({**texts, "low": "float64", "high": "float64"}).set_index([*texts])
 
 
 def compare(

@@ -6,13 +6,14 @@ row does not depend on another's.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import Field
 
 from sprl_bench import scores
+from sprl_bench.extras import require_extra
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.comparable import check_comparable
@@ -26,6 +27,9 @@ from sprl_bench.tables.seed_results import (
     table_of,
     task_names,
 )
+
+if TYPE_CHECKING:  # the extra `plots`
+    from pandas import DataFrame
 
 MEASURES = ("auc", "final", "success_auc", "success_final")
 BOOTSTRAP_SEED = 20210706
@@ -84,6 +88,37 @@ class Table(Data):
     tasks: tuple[str, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+
+    def to_frame(self) -> DataFrame:
+        """Return the numbers as a pandas data frame, one row a number.
+
+        It is indexed by `agent`, `task` and `measure`; the task "all" is the whole suite. Columns: `value`, `low` and
+        `high` (the 95 % interval, missing for a single seed), `seeds` and `privileged`. A missing number has no row.
+
+        Raises:
+            ModuleNotFoundError: pandas, of the extra `plots`, is not installed.
+        """
+        frame: DataFrame = require_extra("pandas").DataFrame([line for row in self.rows for line in _frame_rows(row)])
+        texts = dict.fromkeys(("agent", "task", "measure"), "string[python]")
+        return frame.astype({**texts, "low": "float64", "high": "float64"}).set_index([*texts])
+
+
+def _frame_rows(row: Row) -> Iterator[dict[str, Any]]:
+    cells = [(cell.task, name, getattr(cell, name)) for cell in row.cells for name in MEASURES]
+    overall = [("all", name, getattr(row, name)) for name in (*MEASURES, "auc_iqm")]
+    for task, measure, estimate in (*cells, *overall):
+        if estimate is not None:
+            low, high = estimate.interval or (None, None)
+            yield {
+                "agent": row.agent,
+                "task": task,
+                "measure": measure,
+                "value": estimate.value,
+                "low": low,
+                "high": high,
+                "seeds": estimate.seeds,
+                "privileged": row.privileged,
+            }
 
 
 def tabulate(
