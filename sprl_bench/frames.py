@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sprl_bench import leaderboard, scores
 from sprl_bench.extras import require_extra
-from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, find_recorded, find_records, read
-from sprl_bench.records.folder import EPISODES, METRICS, RECORD, SPEC
+from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_recorded, find_records
+from sprl_bench.records.folder import EPISODES
 from sprl_bench.tables import Result
 
 if TYPE_CHECKING:  # the extra `plots`
@@ -125,30 +125,6 @@ def board_curves(suite: str, home: str | Path | None = None) -> DataFrame:
     The arguments and the errors are those of `board`.
     """
     return _frame(row for one in _board_results(suite, home) for row in _curve_rows(one))
-
-
-def find_metrics(root: Path) -> list[tuple[RunSpec, list[dict[str, Any]]]]:
-    """Return the spec and the whole lines of diagnostics of each run below `root` that has any.
-
-    Raises:
-        FileNotFoundError: There is no such folder.
-        InvalidFileError: A file is broken.
-    """
-    if not root.exists():
-        raise FileNotFoundError(f"{root} does not exist.")
-    return [(_spec_in(path.parent), _lines(path)) for path in sorted(root.rglob(METRICS)) if path.stat().st_size]
-
-
-def _spec_in(folder: Path) -> RunSpec:
-    return read(folder / SPEC, RunSpec) if (folder / SPEC).exists() else read(folder / RECORD, RunRecord).spec
-
-
-def _lines(path: Path) -> list[dict[str, Any]]:
-    """Return the lines of a file of metrics; the last one may not be written to its end."""
-    try:
-        return [json.loads(line) for line in path.read_bytes().split(b"\n")[:-1]]
-    except ValueError:
-        raise InvalidFileError(f"{path} is broken; each line must be a JSON object.") from None
 
 
 def _board_results(suite: str, home: str | Path | None) -> list[Result]:

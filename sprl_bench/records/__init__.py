@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sprl_bench.records.diagnostics import find_metrics
 from sprl_bench.records.files import Data, InvalidFileError, locate, read, write, write_bytes
 from sprl_bench.records.types import (
     Hardware,
@@ -27,6 +28,7 @@ __all__ = [
     "TaskSpec",
     "Totals",
     "differences",
+    "find_metrics",
     "find_recorded",
     "find_records",
     "gather",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
 from sprl_bench.tables.render import FORMATS, render
 from sprl_bench.tables.seed_results import MissingRunsError, Result, describe_holes, find_holes, task_names
-from sprl_bench.tables.table import BOOTSTRAP_SEED, Table, matrix, tabulate, tabulate_results
+from sprl_bench.tables.table import BOOTSTRAP_SEED, Table, matrix, select_results, tabulate, tabulate_results
 
 __all__ = [
     "BOOTSTRAP_SEED",
@@ -20,6 +20,7 @@ __all__ = [
     "find_holes",
     "matrix",
     "render",
+    "select_results",
     "tabulate",
     "tabulate_results",
     "task_names",

@@ -167,6 +167,30 @@ def tabulate(
     return tables
 
 
+def select_results(
+    records: Iterable[RunRecord], *, tasks: Sequence[str] | None = None, agents: Sequence[str] | None = None
+) -> list[Result]:
+    """Return the finished runs of some tasks and agents, which may share a table or a picture.
+
+    Raises:
+        MissingRunsError: There is no finished run.
+        IncomparableError: They must not be compared.
+        ValueError: A task or an agent is unknown.
+    """
+    everything, _ = _of_agents(list(records), [], agents)
+    complete = [Result.of(record) for record in everything if record.status == "complete"]
+    names = {result.task.name for result in complete}
+    for task in tasks or ():
+        if task not in names:
+            raise ValueError(unknown("task among these runs:", task, names))
+    chosen = [result for result in complete if tasks is None or result.task.name in tasks]
+    if not chosen:
+        raise MissingRunsError("There is no finished run among these.")
+    for group in split_suites(chosen):
+        check_comparable(group)
+    return chosen
+
+
 def _of_agents(
     records: list[RunRecord], planned: list[RunSpec], agents: Sequence[str] | None
 ) -> tuple[list[RunRecord], list[RunSpec]]:

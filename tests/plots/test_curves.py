@@ -33,7 +33,7 @@ def test_there_is_a_panel_a_task_and_a_line_an_agent(grid_7x7: list[RunRecord]) 
     assert [axes.get_title() for axes in panels] == ["FourRooms-7x7", "KeyDoors-7x7"]
     for axes, budget in zip(panels, (500_000, 2_000_000), strict=True):
         assert len(axes.get_lines()) == 2
-        assert len(axes.collections) == 2  # the bands
+        assert len(axes.collections) == 4  # bands, and the lines of single runs
         assert axes.get_xlim() == (0, budget)
         steps, means = axes.get_lines()[0].get_data()
         assert (steps[0], steps[-1]) == (budget / 100, budget)

@@ -1,0 +1,133 @@
+"""What all pictures share: colours, sizes, the legend, and how a figure becomes a file.
+
+The colours are those of Okabe and Ito, safe for colour-blind readers; when they are used up, dashes follow. matplotlib
+is loaded when something is drawn.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+from sprl_bench.extras import require_extra
+from sprl_bench.records import write_bytes
+from sprl_bench.suggestions import unknown
+
+if TYPE_CHECKING:  # the extra `plots`
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sprl_bench.scores import Array
+
+SUFFIXES = (".pdf", ".png", ".svg")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+Dashes = Literal["-", "--", ":", "-."]
+DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
+COLUMNS = 4
+PANEL = (3.4, 2.7)  # inches
+TITLE_LETTERS = 44  # of a line above a panel
+SAMPLE = 0.7  # inches, of the line before a name in the legend and the space around both
+LEGEND_ROW = 0.19  # inches
+UNDATED: Mapping[str, Mapping[str, None]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
+STYLE: Final[Any] = {  # matplotlib keeps the type of the keys to itself
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 10,
+    "font.size": 9,
+    "pdf.fonttype": 42,  # TrueType; some venues refuse Type 3
+    "legend.frameon": False,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sprl-bench",
+    "text.parse_math": False,  # a name is a name
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How an agent is drawn, in every panel."""
+
+    colour: str
+    dashes: Dashes
+
+
+def check_suffix(output: Path) -> None:
+    """Refuse a file that is no picture.
+
+    Raises:
+        ValueError: Its suffix is not allowed.
+    """
+    if output.suffix.lower() not in SUFFIXES:
+        raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
+
+
+def save(draw: Callable[[], Figure], output: Path) -> None:
+    """Write the figure that `draw` returns to a file; the same figure gives the same bytes.
+
+    Raises:
+        ModuleNotFoundError: matplotlib, of the extra `plots`, is not installed.
+    """
+    suffix = output.suffix.lower()
+    with require_extra("matplotlib").rc_context(STYLE):
+        buffer = io.BytesIO()
+        draw().savefig(buffer, format=suffix[1:], dpi=200, metadata=dict(UNDATED[suffix]))
+    write_bytes(output, buffer.getvalue())
+
+
+def looks_of(agents: Iterable[str]) -> dict[str, Look]:
+    """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes."""
+    looks: dict[str, Look] = {}
+    families: dict[str, str] = {}
+    for agent in sorted(set(agents), key=lambda name: (_family(name) != name, name)):
+        family = _family(agent)
+        colour = families.setdefault(family, COLOURS[len(families) % len(COLOURS)])
+        wanted = [Look(colour, dashes) for dashes in DASHES]
+        others = [Look(other, dashes) for dashes in DASHES for other in COLOURS]
+        looks[agent] = next((look for look in (*wanted, *others) if look not in looks.values()), wanted[0])
+    return dict(sorted(looks.items()))
+
+
+def _family(agent: str) -> str:
+    return agent.partition("+")[0].partition("@")[0]
+
+
+def draw_runs(axes: Axes, runs: Sequence[tuple[Array, Array]], look: Look) -> None:
+    """Draw each run, its steps and its values, as a thin line; nothing for a single run, which is the mean itself."""
+    if len(runs) > 1:
+        lines = require_extra("matplotlib.collections").LineCollection(
+            [np.column_stack(run) for run in runs],
+            colors=look.colour,
+            linestyles=look.dashes,
+            linewidths=0.5,
+            alpha=0.35,
+        )
+        axes.add_collection(lines, autolim=True)
+
+
+def inches(text: str) -> float:
+    """Return the width of a text in the legend."""
+    from matplotlib import rcParams  # noqa: PLC0415 - the extra `plots`, and slow to load
+    from matplotlib.textpath import TextPath  # noqa: PLC0415 - likewise
+
+    points = float(TextPath((0, 0), text, size=rcParams["font.size"]).get_extents().width)
+    return 1.05 * points / 72  # letters are drawn on whole pixels, a little wider than their outlines
+
+
+def draw_legend(figure: Figure, looks: Sequence[Look], names: Sequence[str], columns: int) -> None:
+    """Name each agent once, above all panels."""
+    from matplotlib.lines import Line2D  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    lines = [Line2D([], [], color=look.colour, linestyle=look.dashes, linewidth=1.6) for look in looks]
+    figure.legend(lines, names, loc="outside upper center", ncols=min(columns, len(names)))
+
+
+def short_number(value: float, _position: float) -> str:
+    """Return 500k for 500,000 and 2M for 2,000,000."""
+    for size, letter in ((1e6, "M"), (1e3, "k")):
+        if abs(value) >= size:
+            return f"{value / size:g}{letter}"
+    return f"{value:g}"

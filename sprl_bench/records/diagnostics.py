@@ -1,0 +1,36 @@
+"""What agents logged while they trained: the lines of `metrics.jsonl`, which no score depends on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sprl_bench.records.files import InvalidFileError, read
+from sprl_bench.records.folder import METRICS, RECORD, SPEC
+from sprl_bench.records.types import RunRecord, RunSpec
+
+
+def find_metrics(root: Path) -> list[tuple[RunSpec, list[dict[str, Any]]]]:
+    """Return the spec and the whole lines of diagnostics of each run below `root` that has any.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        InvalidFileError: A file is broken.
+    """
+    if not root.exists():
+        raise FileNotFoundError(f"{root} does not exist.")
+    found = [(_spec_in(path.parent), _lines(path)) for path in sorted(root.rglob(METRICS))]
+    return [(spec, lines) for spec, lines in found if lines]
+
+
+def _spec_in(folder: Path) -> RunSpec:
+    return read(folder / SPEC, RunSpec) if (folder / SPEC).exists() else read(folder / RECORD, RunRecord).spec
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a file of metrics; the last one may not be written to its end."""
+    try:
+        return [json.loads(line) for line in path.read_bytes().split(b"\n")[:-1]]
+    except ValueError:
+        raise InvalidFileError(f"{path} is broken; each line must be a JSON object.") from None
