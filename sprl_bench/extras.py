@@ -35,6 +35,7 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
         "plots": Extra(("matplotlib", "pandas"), "sprl-bench plot, and results as data frames"),
         "ray": Extra(("ray",), "--executor ray"),
         "slurm": Extra(("submitit",), "--executor slurm"),
+        "tensorboard": Extra(("tensorboard",), "--log tensorboard"),
         "video": Extra(("imageio_ffmpeg", "imageio"), "sprl-bench video"),
     }
 )
@@ -42,7 +43,8 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
 
 def extra_of(module: str) -> str | None:
     """Return the name of the extra that installs a module, or None if no extra does."""
-    return next((name for name, extra in EXTRAS.items() if module in extra.modules), None)
+    package = module.partition(".")[0]
+    return next((name for name, extra in EXTRAS.items() if package in extra.modules), None)
 
 
 def advice(extra: str, *, pinned: bool = False) -> str:

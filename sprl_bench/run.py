@@ -30,6 +30,7 @@ from sprl_bench.recorder.results import write_result
 from sprl_bench.records import RunRecord, RunSpec, write
 from sprl_bench.records.folder import CHECKPOINT, ERROR, METRICS, SPEC, WEIGHTS, lock, remove_leftovers
 from sprl_bench.resume import find_finished, load_checkpoint, other_build
+from sprl_bench.sinks import NoSink, Sink, make_sink
 
 logger = logging.getLogger("sprl_bench")
 
@@ -39,7 +40,12 @@ class InterruptedRunError(RuntimeError):
 
 
 def run(
-    spec: RunSpec, out: Path, *, checkpoint_every_s: float = 60.0, stop: Callable[[], bool] = lambda: False
+    spec: RunSpec,
+    out: Path,
+    *,
+    checkpoint_every_s: float = 60.0,
+    stop: Callable[[], bool] = lambda: False,
+    log: str = "",
 ) -> RunRecord:
     """Train one agent with one seed on one task, and write the run's folder below `out`.
 
@@ -52,6 +58,7 @@ def run(
         out: The root of all runs.
         checkpoint_every_s: Seconds between two checkpoints; 0 for one after each update.
         stop: Called after each update; True stops the run as a signal does.
+        log: Where diagnostics go besides `metrics.jsonl`: "tensorboard", or "package.module:factory" of a `Sink`.
 
     Raises:
         InterruptedRunError: The run was asked to stop.
@@ -69,6 +76,7 @@ def run(
         with contextlib.ExitStack() as opened, StopSignals() as signals:
             active = _ActiveRun(spec, folder, opened)
             active.restore()
+            active.log_to(log)
             _train(active, checkpoint_every_s, lambda: signals.received or stop())
             return active.finish()
 
@@ -135,6 +143,7 @@ class _ActiveRun:
         envs.reset(seed=env_seed(spec))
         self._metrics = opened.enter_context((folder / METRICS).open("ab"))
         self._reported = 0  # episodes in the means of earlier lines
+        self._sink: Sink = NoSink()
 
     def restore(self) -> None:
         """Continue from the checkpoint, if there is one and this run can; else begin with empty metrics."""
@@ -154,6 +163,10 @@ class _ActiveRun:
         self._earlier_s, self._reported = state["wall_time_s"], self._envs.episode_log.num_logged
         self._provenance = self._provenance.continuing(state["provenance"])
         logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
+
+    def log_to(self, log: str) -> None:
+        """Send diagnostics to a sink, too."""
+        self._sink = make_sink(log, self.spec, self._folder, self.env_steps)
 
     @property
     def env_steps(self) -> int:
@@ -183,6 +196,7 @@ class _ActiveRun:
         line = own | finite
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
+        self._sink.write(self.env_steps, {name: value for name, value in line.items() if value is not None})
 
     def _recent(self) -> dict[str, float | None]:
         """Return the mean return and success of the episodes that ended since the last line, None if none did."""

@@ -42,6 +42,9 @@ def run(
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+    log: Annotated[
+        str, typer.Option(help="Where diagnostics go, too: tensorboard, or your own as package.module:factory.")
+    ] = "",
     known: Annotated[
         Path | None, typer.Option(help="A folder of pending runs, which count as finished: leaderboards/pending.")
     ] = None,
@@ -50,12 +53,14 @@ def run(
     from sprl_bench.executors import make_executor
     from sprl_bench.leaderboard import find_pending, split_known
     from sprl_bench.progress import make_observer
+    from sprl_bench.sinks import find_sink
     from sprl_bench.suite import expand, require_device, run_suite
     from sprl_bench.tasks import find_suite
 
     names = split_names(agents, "agents")
-    if any(":" in name for name in names):
+    if any(":" in name for name in (*names, log)):
         find_modules_here()
+    find_sink(log)
     specs = expand(
         find_suite(suite),
         names,
@@ -71,7 +76,7 @@ def run(
     left, found = split_known(specs, find_pending(known)) if known else (specs, [])
     if found:
         typer.echo(f"{len(found)} of {len(specs)} runs are known from {known}.", err=True)
-    outcomes = run_suite(left, out, executor=works, observer=make_observer())
+    outcomes = run_suite(left, out, executor=works, observer=make_observer(), log=log)
     return _report(left, found, outcomes, out)
 
 
