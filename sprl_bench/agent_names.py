@@ -50,7 +50,16 @@ class AgentName:
 
     def __str__(self) -> str:
         """Return the name as tables and folders show it, with the differences in alphabetical order."""
-        return "".join((self.plain, *(f"+{key}={_text(self.differences[key])}" for key in sorted(self.differences))))
+        return self.plain + self._suffix
+
+    @property
+    def full(self) -> str:
+        """The name as it can be parsed again: with a module's path."""
+        return self.source + (f"@{self.preset}" if self.preset else "") + self._suffix
+
+    @property
+    def _suffix(self) -> str:
+        return "".join(f"+{key}={_text(self.differences[key])}" for key in sorted(self.differences))
 
 
 def _text(value: Any) -> str:

@@ -75,12 +75,13 @@ class Playable(Resumable, Protocol):
 class AgentFactory(Protocol):
     """Makes an agent from keyword arguments.
 
-    Three attributes are optional:
+    Four attributes are optional:
 
     - `privileged` (bool, default False): whether the agent sees more than an ordinary one;
     - `hyperparameters(domain, overrides)`, with a third argument `preset` if the agent has presets: returns all
       hyperparameters; without it they are the factory's keyword arguments and their defaults;
-    - `default_preset` (text): the preset that the agent's plain name means.
+    - `default_preset` (text): the preset that the agent's plain name means;
+    - `ranges(domain)`: returns the values of hyperparameters that `sprl-bench sweep --range table` tries.
     """
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> Agent:

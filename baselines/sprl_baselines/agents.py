@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -24,6 +24,7 @@ from sprl_baselines.learning.observations import View, view_of
 from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.learning.training_state import load_weights
 from sprl_baselines.ppo import PPO, PPOConfig
+from sprl_baselines.presets.ranges import RANGES
 from sprl_baselines.rnd import RND, RNDConfig
 from sprl_baselines.sprl import SPRL, ConstraintConfig, SPRLConfig
 
@@ -209,6 +210,10 @@ class LearningAgentFactory(Generic[C]):
         """
         config, bonus_config = self._configs({**presets.preset(domain, preset, self.name), **overrides})
         return {**config.as_dict(), **bonus_config.as_dict()}
+
+    def ranges(self, domain: str) -> Mapping[str, Sequence[Any]]:
+        """Return what the paper swept over for this agent on a domain; empty where it has nothing."""
+        return RANGES[domain].get(self.name, {})
 
     def _configs(self, values: Mapping[str, Any]) -> tuple[PPOConfig, C]:
         reject_unknown("hyperparameter", values, PPOConfig.names() + self.bonus_config.names())

@@ -10,7 +10,7 @@ from typing import Annotated, cast
 
 import typer
 
-from sprl_bench.cli import leaderboard
+from sprl_bench.cli import leaderboard, sweep
 from sprl_bench.cli import list as listing
 from sprl_bench.cli.doctor import doctor
 from sprl_bench.cli.options import require_command
@@ -35,6 +35,7 @@ app = typer.Typer(
 app.add_typer(listing.app, name="list")
 for command in (run, status, table, plot, video, doctor):
     app.command()(command)
+app.add_typer(sweep.app, name="sweep")
 app.add_typer(leaderboard.app, name="leaderboard")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sprl_bench.plots.axis import Point, draw_axis, plot_axis, points_of
 from sprl_bench.plots.curves import draw_curves, plot, plot_results
 from sprl_bench.plots.metrics import draw_metrics, plot_metrics
-from sprl_bench.plots.style import STYLE, SUFFIXES, UNDATED
+from sprl_bench.plots.style import STYLE, SUFFIXES, UNDATED, save
 
 __all__ = [
     "STYLE",
@@ -20,4 +20,5 @@ __all__ = [
     "plot_metrics",
     "plot_results",
     "points_of",
+    "save",
 ]

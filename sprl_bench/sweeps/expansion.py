@@ -1,0 +1,117 @@
+"""From ranges to settings, and from settings to the specs of all runs."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sprl_bench.agent_names import AgentName
+from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.records import RunSpec
+from sprl_bench.suggestions import unknown
+from sprl_bench.suite import expand
+from sprl_bench.sweeps.declaration import Declaration, Setting
+from sprl_bench.tasks import find_suite
+
+Ranges = Mapping[str, Sequence[Any]]
+
+
+def table_ranges(agent: str, domain: str) -> Ranges:
+    """Return the ranges that the paper's table of a domain has for an agent.
+
+    Raises:
+        ValueError: It has none.
+    """
+    ranges = getattr(load_factory(AgentName.parse(agent).source), "ranges", None)
+    found: Ranges = ranges(domain) if ranges is not None else {}
+    if not found:
+        raise ValueError(
+            f"range is 'table'; it must be a file for {agent}, of which the paper has no range on {domain}."
+        )
+    return found
+
+
+def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, Ranges]:
+    """Read the ranges of these agents from a TOML or JSON file: a table an agent, with a list of values a key.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It is no such file, or lacks one of the agents.
+    """
+    text = path.read_text(encoding="utf-8")
+    try:
+        content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
+    except ValueError as error:
+        raise ValueError(f"range is {path}; it must be TOML, or JSON in a .json file: {error}.") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"range is {path}; it must hold a table for each agent.")
+    for agent in agents:
+        if agent not in content:
+            raise ValueError(f"range is {path}; " + unknown("agent", agent, content))
+        for key, values in _table(path, agent, content[agent]).items():
+            if not isinstance(values, list) or not values:
+                raise ValueError(f"{path}: {agent}.{key} is {values!r}; it must be a list of values.")
+    return {agent: content[agent] for agent in agents}
+
+
+def _table(path: Path, agent: str, ranges: object) -> dict[str, object]:
+    if not isinstance(ranges, dict) or not ranges:
+        raise ValueError(f"{path}: {agent} is {ranges!r}; it must be a table of hyperparameters.")
+    return ranges
+
+
+def settings_of(
+    agent: str, domain: str, ranges: Ranges, samples: int | None = None, sampling_seed: int = 0
+) -> list[Setting]:
+    """Return the settings of an agent: all combinations of its ranges, or some of them.
+
+    Args:
+        agent: An agent's name, which may have a preset and differences of its own.
+        domain: Of the tasks.
+        ranges: Values of each hyperparameter.
+        samples: How many combinations to draw, without repetition; all by default, or if there are no more.
+        sampling_seed: Decides which.
+
+    Raises:
+        ValueError: A hyperparameter is unknown or in the agent's name too, or a value is out of range or given twice.
+    """
+    name = AgentName.parse(agent)
+    for key, values in ranges.items():
+        if key in name.differences:
+            raise ValueError(f"agents holds {agent!r}; it must not give {key}, which the sweep varies.")
+        if len(set(map(repr, values))) < len(values):
+            raise ValueError(f"{key} of {agent} is {list(values)}; it must have each value once.")
+    combinations = list(itertools.product(*ranges.values()))
+    if samples is not None and samples < len(combinations):
+        chosen = np.random.default_rng(sampling_seed).choice(len(combinations), samples, replace=False)
+        combinations = [combinations[number] for number in sorted(chosen.tolist())]
+    return [_setting(name, domain, dict(zip(ranges, values, strict=True))) for values in combinations]
+
+
+def _setting(name: AgentName, domain: str, values: Mapping[str, Any]) -> Setting:
+    """Return a setting under its shortest name: values that are the preset's own are left out."""
+    factory = load_factory(name.source)
+    chosen = resolve_hyperparameters(factory, domain, {**name.differences, **values}, name.preset)
+    resolved = {"num_envs": chosen.num_envs, **chosen.values}
+    full = AgentName(name.source, name.preset, dict(chosen.differences))
+    return Setting(name=full.full, values={key: resolved[key] for key in values})
+
+
+def specs_of(declaration: Declaration, device: str = "cpu") -> list[RunSpec]:
+    """Return the specs of all runs of a sweep.
+
+    Raises:
+        ValueError: Something in it is unknown or not allowed.
+    """
+    suite = find_suite(declaration.suite)
+    return [
+        spec
+        for task, budget in declaration.tasks.items()
+        for spec in expand(suite, declaration.names, declaration.seeds, tasks=[task], budget=budget, device=device)
+    ]
