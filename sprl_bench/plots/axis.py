@@ -48,7 +48,7 @@ class Point:
     aucs: tuple[float, ...]
 
 
-def points_of(results: Sequence[Result], axis: str) -> list[Point]:
+def points_of(results: Sequence[Result], axis: str, default: Any = None) -> list[Point]:
     """Return the points of an axis, by panel, agent and value.
 
     Agents without such a hyperparameter are left out, as are environments without such an argument.
@@ -56,6 +56,7 @@ def points_of(results: Sequence[Result], axis: str) -> list[Point]:
     Args:
         results: Finished runs.
         axis: The name of a hyperparameter, or of an argument of the environment.
+        default: The value of an argument that a task does not give; None to leave such tasks out.
 
     Raises:
         ValueError: No run has it, or all have the same value.
@@ -67,8 +68,8 @@ def points_of(results: Sequence[Result], axis: str) -> list[Point]:
     groups: dict[tuple[str, str, Any], dict[int, float]] = {}
     for result in results:
         key: tuple[str, str, Any]
-        if axis in arguments and axis in result.task.arguments:
-            key = result.task.env_id, result.agent, result.task.arguments[axis]
+        if axis in arguments and result.task.arguments.get(axis, default) is not None:
+            key = result.task.env_id, result.agent, result.task.arguments.get(axis, default)
         elif axis not in arguments and axis in result.hyperparameters:
             key = result.task.name, _without(result.agent, axis), result.hyperparameters[axis]
         else:
@@ -89,13 +90,13 @@ def _order(value: Any) -> tuple[bool, Any]:
     return isinstance(value, str), value
 
 
-def plot_axis(results: Sequence[Result], output: Path, axis: str) -> None:
+def plot_axis(results: Sequence[Result], output: Path, axis: str, default: Any = None) -> None:
     """Draw the AUC against an axis into a .png, .svg or .pdf file, one panel a task, one line an agent.
 
     The arguments and errors are those of `points_of`, and a suffix that is not allowed.
     """
     check_suffix(output)
-    points = points_of(results, axis)
+    points = points_of(results, axis, default)
     save(lambda: draw_axis(points, axis), output)
 
 

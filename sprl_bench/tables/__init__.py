@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
 from sprl_bench.tables.render import FORMATS, render
-from sprl_bench.tables.seed_results import MissingRunsError, Result, describe_holes, find_holes, task_names
+from sprl_bench.tables.seed_results import (
+    MissingRunsError,
+    Result,
+    describe_holes,
+    find_holes,
+    split_suites,
+    task_names,
+)
 from sprl_bench.tables.table import BOOTSTRAP_SEED, Table, matrix, select_results, tabulate, tabulate_results
 
 __all__ = [
@@ -21,6 +28,7 @@ __all__ = [
     "matrix",
     "render",
     "select_results",
+    "split_suites",
     "tabulate",
     "tabulate_results",
     "task_names",

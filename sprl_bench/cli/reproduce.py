@@ -1,0 +1,67 @@
+"""The command that repeats the paper's experiments."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sprl_bench.cli.options import Tasks, find_modules_here, parse_seeds
+
+
+def reproduce(
+    study: Annotated[str, typer.Argument(help="Which study, such as fig10; or list.")],
+    seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
+    budget_share: Annotated[float, typer.Option(help="The budgets, as a share of the tasks' own.")] = 1.0,
+    base: Annotated[
+        str | None, typer.Option(help="Vary this agent instead, as in sprl@tuned; for studies of one agent.")
+    ] = None,
+    task: Tasks = None,
+    out: Annotated[Path, typer.Option(help="The folder of the runs and the page.")] = Path("studies"),
+    runs: Annotated[Path | None, typer.Option(help="Train nothing; judge the runs in this folder.")] = None,
+    workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
+    executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
+    device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+) -> int:
+    """Run one of the paper's experiments, draw its figure and judge its claim; the same command again continues."""
+    from sprl_bench import studies
+    from sprl_bench.executors import make_executor
+    from sprl_bench.progress import make_observer
+    from sprl_bench.suite import run_suite
+
+    if study == "list":
+        for row in studies.STUDIES.values():
+            typer.echo(f"{row.name}  {row.title}")
+        return 0
+    chosen = studies.find_study(study)
+    if base is not None and ":" in base:
+        find_modules_here()
+    agents = chosen.on_base(base) if base is not None else chosen.agents
+    specs = studies.specs_of(chosen, parse_seeds(seeds), budget_share, agents=agents, tasks=task or None, device=device)
+    failed = 0
+    if runs is None:
+        outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
+        failed = sum(outcome.status == "failed" for outcome in outcomes)
+    evidence = studies.evidence_of(specs, runs or out)
+    verdict = chosen.judge(evidence, agents)
+    missing = studies.missing_runs(specs, evidence)
+    command = _command(study, seeds, budget_share, base, task, out)
+    out.mkdir(parents=True, exist_ok=True)
+    for path in studies.write_study(chosen, evidence, verdict, out, command=command, missing=missing):
+        typer.echo(f"Wrote {path}.", err=True)
+    typer.echo(f"Claim:   {chosen.claim}")
+    typer.echo(f"Verdict: {verdict.sentence}")
+    if missing:
+        typer.echo(f"{len(missing)} of {len(specs)} runs are missing: {missing[0]}, ...", err=True)
+    return 1 if failed else 0
+
+
+def _command(study: str, seeds: str, budget_share: float, base: str | None, tasks: list[str] | None, out: Path) -> str:
+    """Return the command that repeats a study."""
+    words = ["sprl-bench", "reproduce", study, "--seeds", seeds]
+    words += ["--budget-share", f"{budget_share:g}"] if budget_share != 1 else []
+    words += ["--base", base] if base else []
+    words += [word for name in tasks or () for word in ("--task", name)]
+    return shlex.join([*words, "--out", str(out)])

@@ -1,0 +1,178 @@
+"""A study as a value: what to run, what the paper claims, and how the claim is judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sprl_bench.agent_names import AgentName
+from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_records
+from sprl_bench.scores import Array
+from sprl_bench.studies.verdicts import Verdict
+from sprl_bench.suggestions import unknown
+from sprl_bench.suite import expand
+from sprl_bench.tables import Result, select_results
+from sprl_bench.tasks import find_suite
+
+Logged = tuple[RunSpec, Sequence[Mapping[str, Any]]]
+Figure = Literal["curves", "axis", "metric"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The finished runs of a study, and what their agents logged. Tasks have their names in the suite.
+
+    Attributes:
+        results: The runs.
+        logged: The lines of diagnostics of each run.
+        task_names: The name of each task in the suite, by its name under the study's budget.
+    """
+
+    results: tuple[Result, ...] = ()
+    logged: tuple[Logged, ...] = ()
+    task_names: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def tasks(self) -> list[str]:
+        """The tasks, in the order of their first run."""
+        return list(dict.fromkeys(self._name(result.task.name) for result in self.results))
+
+    def aucs(self, agent: str, task: str) -> Array:
+        """Return the AUC of each seed of an agent on a task, [S], in the order of the seeds; empty without a run."""
+        mine = [one for one in self.results if (one.agent, self._name(one.task.name)) == (agent, task)]
+        return np.array([one.scores.auc for one in sorted(mine, key=lambda one: one.seed)])
+
+    def logs(self, agent: str, task: str) -> list[Logged]:
+        """Return the lines of each seed of an agent on a task."""
+        mine = [one for one in self.logged if (one[0].agent, self._name(one[0].task.name)) == (agent, task)]
+        return sorted(mine, key=lambda one: one[0].seed)
+
+    def _name(self, task: str) -> str:
+        return self.task_names.get(task, task)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One experiment of the paper.
+
+    Attributes:
+        name: As on the command line.
+        title: What is asked.
+        claim: The paper's answer, in our words.
+        tasks: Names by suite.
+        agents: The variants that are compared.
+        judge: From the evidence to a verdict; it is given the agents, in case their base was changed.
+        figure: How it is drawn: learning curves, scores along an axis, or a metric.
+        axis: The hyperparameter or argument that varies, for figures along an axis.
+        axis_default: The argument's value where a task does not give it.
+        metric: What is drawn, for figures of a metric.
+        decisions: What the paper leaves open and what is done here.
+    """
+
+    name: str
+    title: str
+    claim: str
+    tasks: Mapping[str, tuple[str, ...]]
+    agents: tuple[str, ...]
+    judge: Callable[[Evidence, Sequence[str]], Verdict]
+    figure: Figure = "curves"
+    axis: str = ""
+    axis_default: float | None = None
+    metric: str = ""
+    decisions: str = ""
+
+    def on_base(self, base: str) -> tuple[str, ...]:
+        """Return the agents with another base: an agent, a preset and differences that replace those of the first one.
+
+        Raises:
+            ValueError: The study compares agents, not variants of one.
+        """
+        own = [AgentName.parse(agent) for agent in self.agents]
+        if len({(name.source, name.preset) for name in own}) > 1:
+            raise ValueError(f"base is {base!r}; it must be left out, as {self.name} compares different agents.")
+        new = AgentName.parse(base)
+        shared = {key for key in own[0].differences if all(key in name.differences for name in own)}
+        varied = [{key: value for key, value in name.differences.items() if key not in shared} for name in own]
+        return tuple(AgentName(new.source, new.preset, {**new.differences, **each}).full for each in varied)
+
+
+def specs_of(
+    study: Study,
+    seeds: Sequence[int],
+    budget_share: float = 1.0,
+    *,
+    agents: Sequence[str] | None = None,
+    tasks: Sequence[str] | None = None,
+    device: str = "cpu",
+) -> list[RunSpec]:
+    """Return the specs of all runs of a study.
+
+    Args:
+        study: The study.
+        seeds: One run each.
+        budget_share: The budgets, as a share of the tasks' own.
+        agents: The study's agents on another base.
+        tasks: Only these.
+        device: Where agents compute.
+
+    Raises:
+        ValueError: Something is unknown or out of range.
+    """
+    if not 0 < budget_share <= 1:
+        raise ValueError(f"budget_share is {budget_share}; it must be above 0 and at most 1.")
+    known = [task for names in study.tasks.values() for task in names]
+    for task in tasks or ():
+        if task not in known:
+            raise ValueError(unknown(f"task of {study.name}:", task, known))
+    places = [(suite, task) for suite, names in study.tasks.items() for task in names if tasks is None or task in tasks]
+    return [
+        spec
+        for suite, task in places
+        for spec in expand(
+            find_suite(suite),
+            agents or study.agents,
+            seeds,
+            tasks=[task],
+            budget=max(1, round(find_suite(suite).task(task).budget * budget_share)),
+            device=device,
+        )
+    ]
+
+
+def evidence_of(specs: Iterable[RunSpec], root: Path) -> Evidence:
+    """Return the evidence of these runs, as far as they are finished, from a folder of runs.
+
+    Raises:
+        FileNotFoundError: There is no such folder.
+        IncomparableError: The runs are not comparable.
+    """
+    wanted = {_key(spec) for spec in specs}
+    records = [record for record in find_records(root) if _is_wanted(record, wanted)]
+    logged = [one for one in find_metrics(root) if _key(one[0]) in wanted]
+    names = {spec.task.name: _plain(spec) for spec in (record.spec for record in records)}
+    return Evidence(tuple(select_results(records)) if records else (), tuple(logged), names)
+
+
+def missing_runs(specs: Iterable[RunSpec], evidence: Evidence) -> list[str]:
+    """Return a name for each run that is not finished."""
+    there = {(one.task.name, one.agent, one.seed) for one in evidence.results}
+    missing = [spec for spec in specs if (spec.task.name, spec.agent, spec.seed) not in there]
+    return [f"{spec.agent} on {spec.task.name}, seed {spec.seed}" for spec in missing]
+
+
+def _key(spec: RunSpec) -> tuple[str, str, str, int, str]:
+    return spec.suite, spec.task.name, spec.agent, spec.seed, spec.hyperparameters_hash
+
+
+def _is_wanted(record: RunRecord, wanted: set[tuple[str, str, str, int, str]]) -> bool:
+    return record.status == "complete" and _key(record.spec) in wanted
+
+
+def _plain(spec: RunSpec) -> str:
+    """Return a task's name without the budget that `with_budget` appends."""
+    suffix = f"-{spec.task.budget}"
+    return spec.task.name.removesuffix(suffix) if spec.suite == "custom" else spec.task.name
