@@ -157,23 +157,34 @@ def _trained(folder: Path, agent: str | None) -> Actor:
         )
     if agent not in (None, spec.agent, spec.source):
         raise ValueError(f"agent is {agent!r}, but {folder} is a run of {spec.agent!r}.")
+    _saved(folder, spec)
+
+    def begin(env: Env, seed: int) -> Policy:
+        if env.spec is None or env.spec.id != spec.task.env_id:
+            raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
+        agent = restore(folder, spec)
+        return agent.policy(env.observation_space, env.action_space, seed)
+
+    return Actor(begin, spec.task.arguments)
+
+
+def _saved(folder: Path, spec: RunSpec) -> Path:
     saved = [folder / name for name in (CHECKPOINT, WEIGHTS) if (folder / name).exists()]
     if not saved:
         raise UnplayableRunError(
             f"{folder} has no trained agent {spec.agent!r}: it must hold {WEIGHTS}, which a finished run of an agent "
             f"with a policy() leaves, or {CHECKPOINT}."
         )
-
-    def begin(env: Env, seed: int) -> Policy:
-        if env.spec is None or env.spec.id != spec.task.env_id:
-            raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
-        agent = _restore(saved[0], spec)
-        return agent.policy(env.observation_space, env.action_space, seed)
-
-    return Actor(begin, spec.task.arguments)
+    return saved[0]
 
 
-def _restore(file: Path, spec: RunSpec) -> Playable:
+def restore(folder: Path, spec: RunSpec) -> Playable:
+    """Return the agent of a run, as at its end or, if unfinished, at its last checkpoint.
+
+    Raises:
+        UnplayableRunError: The run keeps no agent, or one that cannot act.
+    """
+    file = _saved(folder, spec)
     factory = load_factory(spec.source or spec.agent)
     agent = factory(seed=spec.seed, device="cpu", **spec.hyperparameters)
     if not isinstance(agent, Playable):

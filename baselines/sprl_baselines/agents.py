@@ -152,7 +152,25 @@ class LearningAgent:
     def weights(self) -> dict[str, Any]:
         """Return the network's parameters, as the part of a state that `policy` needs."""
         self._require_begun()
-        return {"learner": {"network": self.learner.state_dict()["network"]}}
+        bonus = {"bonus": self.bonus.weights()} if isinstance(self.bonus, SPRL) else {}
+        return {"learner": {"network": self.learner.state_dict()["network"]}, **bonus}
+
+    def costs(self, observation_space: Space[Any], action_space: Space[Any]) -> Callable[[Any], Any]:
+        """Return a function from the observations of a stretch `[T + 1, ...]` to the cost of each step `[T]`.
+
+        Raises:
+            ValueError: The agent has no cost, or the weights are of another network, or of an earlier build.
+            RuntimeError: The agent has no parameters yet.
+        """
+        view = self._make_view(observation_space)
+        bonus = self._make_bonus(Setting(observation_space, action_space, 1, 0, self._device, view))
+        if not isinstance(bonus, SPRL):
+            raise ValueError("This agent charges no cost; it must be sprl or gt-sprl.")
+        weights = self._saved or self.weights()
+        if "bonus" not in weights:
+            raise ValueError("The weights hold no reachability network; they must be of this build or a later one.")
+        bonus.load_weights(weights["bonus"])
+        return lambda observations: bonus.costs(torch.from_numpy(observations).to(self._device)).cpu().numpy()
 
     def policy(self, observation_space: Space[Any], action_space: Space[Any], seed: int) -> Callable[[Any], Any]:
         """Return a function from one observation of a single environment to an action, sampled as in training.

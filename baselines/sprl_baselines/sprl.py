@@ -115,6 +115,24 @@ class SPRL:
         )
         return (votes >= self._needed).view(steps, num_envs).float()
 
+    def costs(self, observations: Tensor) -> Tensor:
+        """Return the cost of each step of one stretch without a reward or an ending, `[T]`.
+
+        Args:
+            observations: From its first state to its last, `[T + 1, ...]`.
+        """
+        runs = torch.arange(1, len(observations), device=observations.device).unsqueeze(1)
+        blank = torch.zeros_like(observations[:1]).expand(int(self._lengths[-1]), *observations.shape[1:])
+        return self._costs(Rows.of(torch.cat((blank, observations))), runs).squeeze(1)
+
+    def weights(self) -> Mapping[str, Any]:
+        """Return the parameters that `costs` needs."""
+        return {"reachability": self.reachability.weights()}
+
+    def load_weights(self, weights: Mapping[str, Any]) -> None:
+        """Take such parameters."""
+        self.reachability.load_weights(weights["reachability"])
+
     def update(self, rollout: Rollout) -> Mapping[str, float]:
         """Train the network; return its metrics and the share of the last rollout's steps that had a cost."""
         return {"violations": self._violations, **self.reachability.update(rollout)}

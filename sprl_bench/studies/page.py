@@ -45,6 +45,8 @@ def write_study(
 
 def _draw(study: Study, evidence: Evidence, picture: Path) -> bool:
     """Draw the figure, and return whether there was anything to draw."""
+    if study.draw is not None:
+        return study.draw(evidence, picture)
     if not evidence.results:
         return False
     if study.figure == "metric":
@@ -72,13 +74,15 @@ def _page(
         "",
         f"**Verdict.** {verdict.sentence}",
         "",
-        "95 % bootstrap intervals over seeds. Five seeds make them somewhat too narrow.",
-        "",
     ]
+    if verdict.differences:
+        lines += ["95 % bootstrap intervals. Over few seeds they are somewhat too narrow.", ""]
     if study.decisions:
         lines += [study.decisions, ""]
     if has_figure:
         lines += [f"![{study.title}]({study.name}.png)", ""]
+    if study.table is not None:
+        lines += [study.table(), ""]
     if evidence.results:
         lines += [*_runs(evidence), "", _tables(evidence), ""]
     if missing:

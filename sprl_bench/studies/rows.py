@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
@@ -11,7 +12,9 @@ import numpy as np
 
 from sprl_bench.agent_names import AgentName
 from sprl_bench.scores import Array
+from sprl_bench.studies.reduction import draw_reduction, judge_reduction, reduction_table
 from sprl_bench.studies.study import Evidence, Study
+from sprl_bench.studies.trajectories import draw_walks, judge_walks
 from sprl_bench.studies.verdicts import (
     Difference,
     Verdict,
@@ -117,6 +120,17 @@ def _last(lines: Sequence[Mapping[str, float | None]], deadline: int) -> float |
     return known[-1] if known else None
 
 
+def _draw_walks(evidence: Evidence, picture: Path) -> bool:
+    if evidence.folders:
+        draw_walks(evidence.folders, picture)
+    return bool(evidence.folders)
+
+
+def _draw_reduction(_evidence: Evidence, picture: Path) -> bool:
+    draw_reduction(picture)
+    return True
+
+
 _ROWS = (
     Study(
         name="fig10",
@@ -202,6 +216,29 @@ _ROWS = (
         agents=("sprl@tuned", "gt-sprl@tuned"),
         judge=judge_exact,
         decisions="Both with the preset `tuned`, as the paper has each at its best.",
+    ),
+    Study(
+        name="fig22",
+        title="Which walks does a trained network charge?",
+        claim="Dear walks go back and forth; cheap ones move on.",
+        tasks={"grid-7x7": ("KeyDoors-7x7",)},
+        agents=("sprl@tuned",),
+        judge=lambda evidence, _agents: judge_walks(evidence.folders),
+        draw=_draw_walks,
+        decisions="Walks are the first 60 steps, without the rewarded one, of 200 episodes of the trained agent in new "
+        "layouts; cheap and dear are the quarters with the fewest and the most charged steps. Judged by the share of "
+        "steps that lead back to a place of the walk.",
+    ),
+    Study(
+        name="sec6.6",
+        title="How much does the constraint prune?",
+        claim="The larger k, the fewer trajectories are left, and a shortest path to the goal always remains.",
+        tasks={},
+        agents=(),
+        judge=lambda _evidence, _agents: judge_reduction(),
+        draw=_draw_reduction,
+        table=reduction_table,
+        decisions="Counted exactly on the first layouts of ten seeds; nothing is trained.",
     ),
 )
 STUDIES: Mapping[str, Study] = MappingProxyType({study.name: study for study in _ROWS})

@@ -30,11 +30,13 @@ class Evidence:
         results: The runs.
         logged: The lines of diagnostics of each run.
         task_names: The name of each task in the suite, by its name under the study's budget.
+        folders: The folder of each run.
     """
 
     results: tuple[Result, ...] = ()
     logged: tuple[Logged, ...] = ()
     task_names: Mapping[str, str] = field(default_factory=dict)
+    folders: tuple[Path, ...] = ()
 
     @property
     def tasks(self) -> list[str]:
@@ -67,6 +69,8 @@ class Study:
         agents: The variants that are compared.
         judge: From the evidence to a verdict; it is given the agents, in case their base was changed.
         figure: How it is drawn: learning curves, scores along an axis, or a metric.
+        draw: Draws a figure of its own instead; it returns whether there was anything to draw.
+        table: Numbers for the page, Markdown, where they are not scores of runs.
         axis: The hyperparameter or argument that varies, for figures along an axis.
         axis_default: The argument's value where a task does not give it.
         metric: What is drawn, for figures of a metric.
@@ -80,6 +84,8 @@ class Study:
     agents: tuple[str, ...]
     judge: Callable[[Evidence, Sequence[str]], Verdict]
     figure: Figure = "curves"
+    draw: Callable[[Evidence, Path], bool] | None = None
+    table: Callable[[], str] | None = None
     axis: str = ""
     axis_default: float | None = None
     metric: str = ""
@@ -154,7 +160,8 @@ def evidence_of(specs: Iterable[RunSpec], root: Path) -> Evidence:
     records = [record for record in find_records(root) if _is_wanted(record, wanted)]
     logged = [one for one in find_metrics(root) if _key(one[0]) in wanted]
     names = {spec.task.name: _plain(spec) for spec in (record.spec for record in records)}
-    return Evidence(tuple(select_results(records)) if records else (), tuple(logged), names)
+    folders = tuple(record.spec.path(root) for record in records)
+    return Evidence(tuple(select_results(records)) if records else (), tuple(logged), names, folders)
 
 
 def missing_runs(specs: Iterable[RunSpec], evidence: Evidence) -> list[str]:

@@ -69,17 +69,21 @@ class Verdict:
         outcome: Whether it holds.
         differences: What it rests on.
         why: Why nothing can be said; empty if `differences` say it.
+        fact: What was counted exactly, where no interval is needed.
     """
 
     outcome: Outcome
     differences: tuple[Difference, ...]
     why: str = ""
+    fact: str = ""
 
     @property
     def sentence(self) -> str:
         """The verdict in words, with what would decide it."""
         if self.why:
             return f"Not decided: {self.why}."
+        if self.fact:
+            return f"{self.outcome.capitalize()}: {self.fact}."
         text = f"{self.outcome.capitalize()}: {'; '.join(map(str, self.differences))}."
         needed = [one.more_seeds for one in self.differences if one.more_seeds is not None]
         if self.outcome != "not decided":

@@ -51,6 +51,13 @@ class GroundTruth:
         """Train nothing."""
         return {}
 
+    def weights(self) -> Mapping[str, Any]:
+        """Return nothing: there are no parameters."""
+        return {}
+
+    def load_weights(self, weights: Mapping[str, Any]) -> None:
+        """Take nothing."""
+
     def state_dict(self) -> Mapping[str, Any]:
         """Return an empty state."""
         return {}

@@ -12,7 +12,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.rollout import Rollout, Rows
-from sprl_baselines.learning.training_state import restore, saved
+from sprl_baselines.learning.training_state import load_weights, restore, saved
 from sprl_baselines.reachability.hyperparameters import ReachabilityConfig
 from sprl_baselines.reachability.network import reachability_network
 from sprl_baselines.reachability.pairs import Judge, judge_pairs
@@ -167,6 +167,14 @@ class LearnedReachability:
         judge = judge_pairs(self, Rows.of(states))
         right = torch.cat((judge(anchors, positives) > 0.5, judge(anchors, negatives) <= 0.5))
         return {"reachability_accuracy": float(right.float().mean())}
+
+    def weights(self) -> Mapping[str, Any]:
+        """Return the network's parameters, as the part of a state that judging needs."""
+        return {"network": saved(self.network, self._optimizer, self._generator)["network"]}
+
+    def load_weights(self, weights: Mapping[str, Any]) -> None:
+        """Take such parameters."""
+        load_weights(self.network, weights["network"])
 
     def state_dict(self) -> dict[str, Any]:
         """Return the network, its optimizer, the replay and the readiness."""

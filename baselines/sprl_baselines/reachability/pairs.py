@@ -28,6 +28,12 @@ class Reachability(Protocol):
     def update(self, rollout: Rollout) -> Mapping[str, float]:
         """Train on a rollout, if there is anything to train, and return metrics."""
 
+    def weights(self) -> Mapping[str, Any]:
+        """Return the parameters that judging needs, if there are any."""
+
+    def load_weights(self, weights: Mapping[str, Any]) -> None:
+        """Take such parameters."""
+
     def state_dict(self) -> Mapping[str, Any]:
         """Return everything that later answers depend on."""
 
