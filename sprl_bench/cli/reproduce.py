@@ -44,7 +44,7 @@ def reproduce(
     if runs is None:
         outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
         failed = sum(outcome.status == "failed" for outcome in outcomes)
-    evidence = studies.evidence_of(specs, runs or out)
+    evidence = studies.evidence_of(specs, runs or out) if specs else studies.Evidence()
     verdict = chosen.judge(evidence, agents)
     missing = studies.missing_runs(specs, evidence)
     command = _command(study, seeds, budget_share, base, task, out)

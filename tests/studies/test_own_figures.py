@@ -124,11 +124,11 @@ def test_a_run_of_an_earlier_build_is_refused(capsys: Capture, tmp_path: Path, m
 
 
 def test_the_reduction_is_counted_drawn_and_judged(capsys: Capture, tmp_path: Path) -> None:
-    status, printed, _ = call(capsys, "reproduce", "sec6.6", "--out", tmp_path)
+    status, printed, _ = call(capsys, "reproduce", "sec6.6", "--out", tmp_path / "new")
     assert status == 0
     assert "Verdict: Supported: on 10 maps of FourRooms-7x7 the share never rises with k" in printed
-    assert "| k = 10 |" in (tmp_path / "sec6.6.md").read_text()
-    assert (tmp_path / "sec6.6.png").exists()
+    assert "| k = 10 |" in (tmp_path / "new" / "sec6.6.md").read_text()
+    assert (tmp_path / "new" / "sec6.6.png").exists()
 
 
 def test_a_share_that_rises_contradicts(monkeypatch: pytest.MonkeyPatch) -> None:
