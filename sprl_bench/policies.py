@@ -17,6 +17,7 @@ import numpy as np
 from gymnasium import spaces
 
 from sprl_bench import checkpoint
+from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS
 from sprl_bench.records import RunSpec, read
@@ -119,7 +120,7 @@ NAMES: Final = tuple(_NAMED)
 def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     """Return the folder, `root` or below it, of the only run in this environment, of this agent if one is named.
 
-    The agent is named as in tables, or as "package.module:factory".
+    The agent is named as in tables, or as "package.module:factory", which a preset and differences may follow.
 
     Raises:
         ValueError: There are several.
@@ -130,7 +131,7 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     folders = [
         folder
         for folder, spec in specs.items()
-        if spec.task.env_id == env_id and (agent in (None, spec.agent) or (":" in spec.source and agent == spec.source))
+        if spec.task.env_id == env_id and (agent is None or _is_agent_of(spec, agent))
     ]
     wanted = f"run of {agent} in {env_id}" if agent else f"run in {env_id}"
     if not folders:
@@ -142,6 +143,14 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
     return folders[0]
 
 
+def _is_agent_of(spec: RunSpec, agent: str) -> bool:
+    """Return whether a run's agent is named so: as in tables, or as its code, which the rest of its name may follow."""
+    if ":" not in agent:
+        return agent == spec.agent
+    name = AgentName.parse(agent)
+    return name.source == spec.source and (agent == spec.source or str(name) == spec.agent)
+
+
 def _holds_scripts(root: Path) -> bool:
     """Return whether there are records, but only of scripts."""
     return not any(root.rglob(SPEC)) and any(root.rglob(RECORD))
@@ -150,12 +159,12 @@ def _holds_scripts(root: Path) -> bool:
 def _trained(folder: Path, agent: str | None) -> Actor:
     """Return the agent of a run, as at its end or, if unfinished, at its last checkpoint."""
     spec = read(folder / SPEC, RunSpec)
-    if ":" in spec.source and spec.source != agent:
+    if ":" in spec.source and not (agent and ":" in agent and _is_agent_of(spec, agent)):
         raise UnplayableRunError(
             f"The agent of {folder} is {spec.source!r}: your own code is loaded only if you name it, as "
             f"--agent {spec.source} or agent={spec.source!r}."
         )
-    if agent not in (None, spec.agent, spec.source):
+    if agent not in (None, spec.source) and not _is_agent_of(spec, agent):
         raise ValueError(f"agent is {agent!r}, but {folder} is a run of {spec.agent!r}.")
     _saved(folder, spec)
 

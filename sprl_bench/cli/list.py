@@ -50,7 +50,10 @@ def suites() -> None:
 
 @app.command("agents")
 def agents() -> None:
-    """List the installed agents; name your own as package.module:factory."""
+    """List the installed agents; presets are named as in sprl@tuned, variants as in sprl+k=5.
+
+    Name your own as package.module:factory.
+    """
     from sprl_bench.agents import agent_names
 
     for name in agent_names():

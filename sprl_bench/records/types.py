@@ -11,6 +11,7 @@ import json
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
@@ -156,8 +157,24 @@ class RunSpec(Data):
             raise ValueError("hyperparameters_hash does not follow from hyperparameters")
         return self
 
+    @model_validator(mode="after")
+    def _differences_agree(self) -> Self:
+        resolved = {"num_envs": self.num_envs, **self.hyperparameters}
+        for name, value in self.differences.items():
+            if name not in resolved or resolved[name] != value:
+                raise ValueError(f"differences.{name} is {value!r}, but the run has {resolved.get(name)!r}")
+        return self
+
     @classmethod
-    def of(cls, suite: Suite, task: Task, *, hyperparameters: Mapping[str, Any], **rest: Any) -> Self:
+    def of(
+        cls,
+        suite: Suite,
+        task: Task,
+        *,
+        hyperparameters: Mapping[str, Any],
+        differences: Mapping[str, Any] = MappingProxyType({}),
+        **rest: Any,
+    ) -> Self:
         """Return the spec of a run of one task of a suite; `rest` holds the other fields.
 
         Raises:
@@ -171,6 +188,7 @@ class RunSpec(Data):
                 task=TaskSpec.of(task),
                 hyperparameters=plain,
                 hyperparameters_hash=hyperparameters_hash(plain),
+                differences={name: _plain(name, value) for name, value in differences.items()},
                 **rest,
             )
         except ValidationError as error:

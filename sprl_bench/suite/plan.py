@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -52,10 +51,17 @@ def expand(
     names = [AgentName.parse(agent) for agent in agents]
     _refuse_repeats("agents", [str(name) for name in names])
     _refuse_repeats("seeds", seeds)
-    made = partial(_spec, overrides=overrides, device=resolve_device(device), torch_threads=torch_threads)
-    specs = [made(*place, name, seed) for seed in seeds for place in chosen for name in names]
-    _refuse_repeats("agents", [spec.agent for spec in specs[: len(names)]])
-    return specs
+    domains = dict.fromkeys(task.domain for _, task in chosen)
+    resolved = {domain: [_resolve(name, domain, overrides) for name in names] for domain in domains}
+    for of_domain in resolved.values():
+        _refuse_repeats("agents", [fields["agent"] for fields in of_domain])
+    machine = {"device": resolve_device(device), "torch_threads": torch_threads}
+    return [
+        RunSpec.of(*place, seed=seed, **fields, **machine)
+        for seed in seeds
+        for place in chosen
+        for fields in resolved[place[1].domain]
+    ]
 
 
 def _chosen_tasks(suite: Suite, names: Sequence[str] | None) -> Sequence[Task]:
@@ -79,9 +85,8 @@ def _refuse_repeats(name: str, values: Sequence[Any]) -> None:
         raise ValueError(f"{name} is empty; it must hold at least one.")
 
 
-def _spec(
-    suite: Suite, task: Task, name: AgentName, seed: int, *, overrides: Mapping[str, Any], **machine: Any
-) -> RunSpec:
+def _resolve(name: AgentName, domain: str, overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a spec that depend on the agent and the tasks' domain alone."""
     factory = load_factory(name.source)
     default = getattr(factory, "default_preset", "")
     if name.preset and name.preset == default:
@@ -90,20 +95,16 @@ def _spec(
         )
     if both := sorted(set(overrides) & set(name.differences)):
         raise ValueError(f"overrides holds {both[0]!r}; the agent {str(name)!r} must not give it too.")
-    chosen = resolve_hyperparameters(factory, task.domain, {**overrides, **name.differences}, name.preset)
-    return RunSpec.of(
-        suite,
-        task,
-        hyperparameters=chosen.values,
-        agent=str(_in_full(name, chosen.differences)),
-        source=name.source,
-        preset=name.preset or default,
-        differences=dict(chosen.differences),
-        privileged=getattr(factory, "privileged", False),
-        seed=seed,
-        num_envs=chosen.num_envs,
-        **machine,
-    )
+    chosen = resolve_hyperparameters(factory, domain, {**overrides, **name.differences}, name.preset)
+    return {
+        "agent": str(_in_full(name, chosen.differences)),
+        "source": name.source,
+        "preset": name.preset or default,
+        "differences": chosen.differences,
+        "privileged": getattr(factory, "privileged", False),
+        "hyperparameters": chosen.values,
+        "num_envs": chosen.num_envs,
+    }
 
 
 def _in_full(name: AgentName, differences: Mapping[str, Any]) -> AgentName:

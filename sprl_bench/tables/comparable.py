@@ -110,7 +110,10 @@ def _refuse_tuned(where: str, runs: Sequence[Result]) -> None:
             for run in runs
         )
         if len(values) > 1:
-            raise IncomparableError(f"{where}: seeds differ in the hyperparameter {name}: {', '.join(values)}.")
+            raise IncomparableError(
+                f"{where}: seeds differ in the hyperparameter {name}: {', '.join(values)}. A variant, as in "
+                f"AGENT+{name}=VALUE, has a row of its own."
+            )
 
 
 def _refuse_twice(where: str, runs: Sequence[Result]) -> None:

@@ -265,7 +265,7 @@ def test_a_spec_says_where_its_run_lies(make_record: MakeRecord) -> None:
         " a",
         "a ",
         "a\tb",
-        "x" * 101,
+        "x" * 201,
         "a.",
         "a?b",
         "=A1",
