@@ -55,7 +55,7 @@ def expand(
     resolved = {domain: [_resolve(name, domain, overrides) for name in names] for domain in domains}
     for of_domain in resolved.values():
         _refuse_repeats("agents", [fields["agent"] for fields in of_domain])
-    machine = {"device": resolve_device(device), "torch_threads": torch_threads}
+    machine: dict[str, Any] = {"device": resolve_device(device), "torch_threads": torch_threads}
     return [
         RunSpec.of(*place, seed=seed, **fields, **machine)
         for seed in seeds
