@@ -57,10 +57,10 @@ def expand(
         _refuse_repeats("agents", [fields["agent"] for fields in of_domain])
     machine: dict[str, Any] = {"device": resolve_device(device), "torch_threads": torch_threads}
     return [
-        RunSpec.of(*place, seed=seed, **fields, **machine)
+        RunSpec.of(home, task, seed=seed, **fields, **machine)
         for seed in seeds
-        for place in chosen
-        for fields in resolved[place[1].domain]
+        for home, task in chosen
+        for fields in resolved[task.domain]
     ]
 
 
