@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -167,6 +172,26 @@ def test_it_runs_to_the_end_and_again_from_what_is_there(
     assert (status, "Verdict: Not decided" in printed) == (0, True)
     assert (tmp_path / f"{name}.md").read_text() == page
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob(RECORD)} == before
+
+
+def test_a_kill_in_the_middle_costs_nothing_that_was_finished(tmp_path: Path) -> None:
+    """The whole process group is killed once a run is finished; the same command ends with every run."""
+    words = ["reproduce", "fig21", "--seeds", "2", "--workers", "1", "--device", "cpu", "--budget-share", "0.004"]
+    code = "import sys; from sprl_bench.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", code, *words, "--task", "FourRooms-7x7", "--out", str(tmp_path)]
+    killed = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 120
+    while not (finished := list(tmp_path.rglob(RECORD))) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(killed.pid, signal.SIGKILL)
+    killed.wait()
+    before = {path: path.read_bytes() for path in finished}
+    assert before
+    assert not (tmp_path / "fig21.md").exists()
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    assert "Verdict: Not decided" in done.stdout
+    assert len(list(tmp_path.rglob(RECORD))) == 4
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_what_is_there_is_judged_and_the_rest_is_named(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cli_calls import Capture, call
-from sprl_bench import sweeps
-from sprl_bench.records import RunRecord
+from sprl_bench import executors, sweeps
+from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.sweeps.declaration import ChangedSweepError
 from sprl_bench.sweeps.report import as_csv, render
 
@@ -188,6 +188,35 @@ def test_from_the_command_to_the_choice(capsys: Capture, tmp_path: Path) -> None
     assert written == ["harness_fakes-walker.png", "report.csv", "report.md", "sweep.json"]
     status, _, err = call(capsys, *command, "--seeds", "3")
     assert (status, "holds another sweep: seeds" in err) == (1, True)
+
+
+@pytest.mark.usefixtures("fakes")
+def test_the_report_does_not_depend_on_workers_or_an_interruption(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two workers; and one that is interrupted after two runs and continues."""
+    ranges = tmp_path / "ranges.toml"
+    ranges.write_text('["harness_fakes:walker"]\nnum_envs = [3, 4]\n')
+    command = [*SWEEP, "--agents", "harness_fakes:walker", "--range", ranges]
+    assert call(capsys, *command, "--workers", "2", "--out", tmp_path / "two")[0] == 0
+    make_executor = executors.make_executor
+    monkeypatch.setattr(executors, "make_executor", lambda *_: Interrupted())
+    assert call(capsys, *command, "--out", tmp_path / "one")[0] == 130
+    assert len(list((tmp_path / "one").rglob("record.json"))) == 2
+    monkeypatch.setattr(executors, "make_executor", make_executor)
+    assert call(capsys, *command, "--out", tmp_path / "one")[0] == 0
+    reports = [call(capsys, "sweep", "report", tmp_path / name)[1] for name in ("one", "two")]
+    assert reports[0] == reports[1]
+    assert (tmp_path / "one" / "report.csv").read_bytes() == (tmp_path / "two" / "report.csv").read_bytes()
+
+
+class Interrupted:
+    """Computes two runs in this process, and then gets Ctrl-C."""
+
+    def map(self, function: Callable[[RunSpec], Any], specs: Sequence[RunSpec]) -> Iterator[tuple[RunSpec, Any]]:
+        for spec in specs[:2]:
+            yield spec, function(spec)
+        raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(
