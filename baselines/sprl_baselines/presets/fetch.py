@@ -50,8 +50,8 @@ PER_ACTION: Mapping[str, Mapping[str, Any]] = {
 }
 # The sweep's choice of entropy for PPO; Table 5 has it for the other agents.
 TUNED: Mapping[str, Mapping[str, Any]] = {"ppo": EXPLORING}
-# The network's schedule scaled to budgets of 1 or 2 M steps: it is published for runs of 20 M, where it is trusted after
-# some 150,000 steps at the earliest. Here a training follows every rollout, and five of them decide: 30,000 steps.
+# The network's schedule scaled to budgets of 1 or 2 M steps. The published one, for runs of 20 M, trusts the network
+# after some 150,000 steps at the earliest. Here a training follows every rollout, and five decide: 30,000 steps.
 QUICK: Mapping[str, Any] = {"train_every": 3_000, "ready_trainings": 5}
 SCALED: Mapping[str, Mapping[str, Any]] = {agent: {**TABLE[agent], **QUICK} for agent in ("eco", "sprl")}
 
