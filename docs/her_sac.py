@@ -59,7 +59,7 @@ def main() -> None:
         seed=chosen.seed,
         suite=chosen.suite if budget == task.budget else None,
         budget=budget,
-        privileged=True,  # it may ask for the reward of any goal
+        information=["relabelling"],
         hyperparameters=hyperparameters,
     ):
         arguments = {**task.arguments, "observation": "goal"}

@@ -75,9 +75,10 @@ class Playable(Resumable, Protocol):
 class AgentFactory(Protocol):
     """Makes an agent from keyword arguments.
 
-    Four attributes are optional:
+    Five attributes are optional:
 
     - `privileged` (bool, default False): whether the agent sees more than an ordinary one;
+    - `information` (names, default none): what else it uses: "relabelling", "resetting", "shaped";
     - `hyperparameters(domain, overrides)`, with a third argument `preset` if the agent has presets: returns all
       hyperparameters; without it they are the factory's keyword arguments and their defaults;
     - `default_preset` (text): the preset that the agent's plain name means;

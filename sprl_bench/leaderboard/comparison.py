@@ -22,7 +22,7 @@ from sprl_bench.tables import (
     find_holes,
     matrix,
 )
-from sprl_bench.tables.render import PRIVILEGED, interval_text
+from sprl_bench.tables.render import explained, interval_text, marked
 from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
 if TYPE_CHECKING:  # the extra `plots`
@@ -50,9 +50,11 @@ class Comparison(Data):
     suite_version: int
     agent: str
     privileged: bool
+    information: tuple[str, ...] = ()
     seeds: int
     entry: str
     entry_privileged: bool
+    entry_information: tuple[str, ...] = ()
     entry_seeds: int
     tasks: tuple[Difference, ...]
     overall: Difference
@@ -193,9 +195,11 @@ def _compare(
         suite_version=entry.suite_version,
         agent=results[0].agent,
         privileged=results[0].privileged,
+        information=results[0].information,
         seeds=len(columns[names[0]]),
         entry=entry.agent,
         entry_privileged=entry.privileged,
+        entry_information=entry.information,
         entry_seeds=len(reference[names[0]]),
         tasks=tuple(_difference(name, {name: columns[name]}, {name: reference[name]}) for name in names),
         overall=_difference("all", columns, reference),
@@ -281,14 +285,16 @@ def render_comparisons(comparisons: Sequence[Comparison], form: str = "md", *, w
 def _grid(comparisons: Sequence[Comparison]) -> Grid:
     """Return the table of one agent: a row an entry."""
     first = comparisons[0]
-    marked = first.privileged or any(one.entry_privileged for one in comparisons)
+    name = marked(first.agent, first.privileged, first.information)
+    marks = [(first.privileged, first.information)]
+    marks += [(one.entry_privileged, one.entry_information) for one in comparisons]
     return Grid(
-        title=f"{_marked(first.agent, first.privileged)} ({first.seeds} seed{'s' * (first.seeds > 1)}, mean AUC "
+        title=f"{name} ({first.seeds} seed{'s' * (first.seeds > 1)}, mean AUC "
         f"{number(first.overall.runs)}) minus each entry of suite {first.suite}, version {first.suite_version}",
         header=["Entry", "Seeds", "Its AUC", *(difference.task for difference in first.tasks), "Mean AUC", "IQM"],
         rows=[
             [
-                _marked(one.entry, one.entry_privileged),
+                marked(one.entry, one.entry_privileged, one.entry_information),
                 str(one.entry_seeds),
                 number(one.overall.entry),
                 *(_text(difference) for difference in (*one.tasks, one.overall, one.overall_iqm)),
@@ -299,14 +305,10 @@ def _grid(comparisons: Sequence[Comparison]) -> Grid:
             "Difference of mean AUC, and of its IQM, with 95 % stratified-bootstrap intervals, paired by task; more is "
             "better.",
             *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
-            *([PRIVILEGED] if marked else []),
+            *explained(marks),
             *dict.fromkeys(note for one in comparisons for note in one.notes),
         ],
     )
-
-
-def _marked(agent: str, privileged: bool) -> str:
-    return agent + " †" * privileged
 
 
 def _text(difference: Difference) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from sprl_bench.records import Data, Hardware, Scores, TaskSpec, gather, hyperparameters_hash
-from sprl_bench.records.types import Count, Curve, Json, Line, Name, check_scores
+from sprl_bench.records.types import Count, Curve, InformationClasses, Json, Line, Name, check_scores
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
 MINIMUM_SEEDS = 5
@@ -123,6 +123,7 @@ class Entry(Data):
     authors: Annotated[tuple[Annotated[Line, AfterValidator(_words)], ...], Field(min_length=1, max_length=1000)]
     link: Annotated[Line, AfterValidator(_link)] = Field(description="A paper or the code.")
     privileged: bool = Field(description="Whether the agent sees what an ordinary one does not.")
+    information: InformationClasses = ()
     status: Literal["reported", "reproduced"] = Field(description="Reproduced: run again by someone else.")
     suite: Name
     suite_version: Count

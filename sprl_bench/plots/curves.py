@@ -150,4 +150,5 @@ def _describe(agent: str, tables: Sequence[Table]) -> str:
     counts = sorted({len(cell.seeds) for row in rows for cell in row.cells})
     number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     mark = "† privileged, " if any(row.privileged for row in rows) else ""
+    mark += "".join(f"{word}, " for word in sorted({word for row in rows for word in row.information}))
     return f"({mark}{number} seed{'' if counts == [1] else 's'})"

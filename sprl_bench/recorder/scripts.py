@@ -11,7 +11,7 @@ import contextlib
 import functools
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ def record(
     budget: int | None = None,
     score_range: tuple[float, float] | None = None,
     privileged: bool = False,
+    information: Sequence[str] = (),
     hyperparameters: Mapping[str, Any] = NONE,
 ) -> AnyEnv:
     """Return `env` with a recorder on it, which writes the run's record below `out`.
@@ -49,6 +50,8 @@ def record(
         budget: Environment steps, for a task of no suite. A budget other than the task's makes the run "custom".
         score_range: Lowest and highest return, for a task of no suite; by default (0, 1).
         privileged: Whether the method sees more than an ordinary agent.
+        information: What else it uses: "relabelling" (rewards of goals that it did not pursue), "resetting" (returns to
+            earlier states), "shaped" (another reward than the task's).
         hyperparameters: Names and plain values, to be noted.
 
     Raises:
@@ -58,6 +61,7 @@ def record(
     """
     task: dict[str, Any] = {"suite": suite, "budget": budget, "score_range": score_range}
     about: dict[str, Any] = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
+    about["information"] = tuple(information)
     spec = spec_of(env, **task, **about)
     recorded: AnyEnv = run_of(spec, spec.path(Path(out).resolve())).take_in(env)
     return recorded
@@ -124,6 +128,7 @@ def recording(
     budget: int | None = None,
     score_range: tuple[float, float] | None = None,
     privileged: bool = False,
+    information: Sequence[str] = (),
     hyperparameters: Mapping[str, Any] = NONE,
 ) -> Iterator[Recording]:
     """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
@@ -142,6 +147,7 @@ def recording(
         raise RuntimeError("recording() blocks cannot lie within one another.")
     task = {"suite": suite, "budget": budget, "score_range": score_range}
     about = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
+    about["information"] = tuple(information)
     block = Recording(Path(out).resolve(), {**task, **about})
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)

@@ -66,6 +66,15 @@ Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
 Positive = Annotated[int, Field(gt=0, lt=2**53), BeforeValidator(_plain_integer)]
 Bounded = Annotated[float, Field(ge=-1e300, le=1e300)]  # the sum of a curve is finite
 Amount = Annotated[float, Field(ge=0)]
+Information = Literal["relabelling", "resetting", "shaped"]
+InformationClasses = Annotated[
+    tuple[Information, ...],
+    Field(
+        strict=False,
+        description="What else the agent uses: relabelling (rewards of goals that it did not pursue), resetting "
+        "(returns to earlier states), shaped (another reward than the task's).",
+    ),
+]
 Json = Annotated[JsonValue, AfterValidator(_finite)]
 Curve = Annotated[tuple[Bounded, ...], Field(min_length=scores.BINS, max_length=scores.BINS, strict=False)]
 
@@ -144,6 +153,7 @@ class RunSpec(Data):
         default_factory=dict, description="The hyperparameters that differ from the preset; num_envs may be among them."
     )
     privileged: bool
+    information: InformationClasses = ()
     hyperparameters: dict[Line, Json]
     hyperparameters_hash: Line
     seed: Count

@@ -102,6 +102,7 @@ def _resolve(name: AgentName, domain: str, overrides: Mapping[str, Any]) -> dict
         "preset": name.preset or default,
         "differences": chosen.differences,
         "privileged": getattr(factory, "privileged", False),
+        "information": tuple(getattr(factory, "information", ())),
         "hyperparameters": chosen.values,
         "num_envs": chosen.num_envs,
     }

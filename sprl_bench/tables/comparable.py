@@ -69,6 +69,7 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
             _refuse_twice(where, runs)
     for agent, runs in _grouped(results, lambda result: result.agent):
         _refuse_mixed(f"suite {suite!r}, agent {agent}: privileged", runs, lambda result: str(result.privileged))
+        _refuse_mixed(f"suite {suite!r}, agent {agent}: information", runs, lambda one: str(list(one.information)))
     versions = version_differences(results, (*SCORED_PACKAGES, *SURROUNDINGS))
     notes = [f"Different versions of {package}: {text}." for package, text in versions.items()]
     return [

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.table import MEASURES, Cell, Estimate, Row, Table
@@ -18,6 +18,11 @@ FORMATS = (*GRID_FORMATS, "csv", "json")
 PRIVILEGED = "† privileged: sees what an ordinary agent does not."
 PARTIAL = "‡ runs are missing; its overall figures are over the seeds that it has on every task."
 SCORES = "Intervals: 95 %, stratified bootstrap over seeds. Final and success: over the last tenth of the budget."
+INFORMATION = {
+    "relabelling": "(relabelling): asks for the reward of goals that it did not pursue.",
+    "resetting": "(resetting): returns the simulator to earlier states.",
+    "shaped": "(shaped): learns from another reward than the task's; its score is the task's.",
+}
 CSV_COLUMNS = ("suite", "suite_version", "agent", "privileged", "task", "measure", "value", "low", "high", "seeds")
 DASH = "-"
 BLOCKS = "▁▂▃▄▅▆▇█"
@@ -54,9 +59,24 @@ def _grid(table: Table, *, trends: bool) -> Grid:
 
 
 def _texts(row: Row, *, trends: bool) -> list[str]:
-    name = row.agent + " †" * row.privileged + " ‡" * (not row.complete)
+    name = marked(row.agent, row.privileged, row.information) + " ‡" * (not row.complete)
     overall = map(_with_interval, (row.auc, row.auc_iqm, row.final, row.success_final))
     return [name, str(len(row.seeds)), *(_cell(cell, trends=trends) for cell in row.cells), *overall]
+
+
+def marked(agent: str, privileged: bool, information: Sequence[str] = ()) -> str:
+    """Return an agent's name with its marks, such as "gt-grid †" or "her-sac (relabelling)"."""
+    return agent + " †" * privileged + (f" ({', '.join(information)})" if information else "")
+
+
+def explained(marks: Iterable[tuple[bool, Sequence[str]]]) -> list[str]:
+    """Return a sentence for each mark that an agent has, from whether each is privileged and what else it uses."""
+    there = list(marks)
+    words = sorted({word for _, information in there for word in information})
+    return [
+        *([PRIVILEGED] if any(privileged for privileged, _ in there) else []),
+        *(INFORMATION[word] for word in words),
+    ]
 
 
 def _cell(cell: Cell, *, trends: bool) -> str:
@@ -82,7 +102,7 @@ def interval_text(interval: tuple[float, float] | None) -> str:
 def _footnotes(table: Table) -> list[str]:
     return [
         SCORES,
-        *([PRIVILEGED] if any(row.privileged for row in table.rows) else []),
+        *explained((row.privileged, row.information) for row in table.rows),
         *([PARTIAL] if not all(row.complete for row in table.rows) else []),
         *table.notes,
     ]
@@ -92,11 +112,12 @@ def _csv(tables: Sequence[Table]) -> str:
     """Return one line a number; the task "all" is the whole suite."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*CSV_COLUMNS, "missing"])
+    writer.writerow([*CSV_COLUMNS, "missing", "information"])
     for table in tables:
         for row in table.rows:
             for line in _csv_lines(row):
-                writer.writerow([table.suite, table.suite_version, row.agent, str(row.privileged).lower(), *line])
+                named = table.suite, table.suite_version, row.agent, str(row.privileged).lower()
+                writer.writerow([*named, *line, " ".join(row.information)])
     return text.getvalue()
 
 

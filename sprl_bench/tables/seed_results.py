@@ -31,6 +31,7 @@ class Result:
     task: TaskSpec
     agent: str
     privileged: bool
+    information: tuple[str, ...]  # what else the agent uses: relabelling, resetting, shaped
     seed: int
     num_envs: int
     hyperparameters: Mapping[str, JsonValue]

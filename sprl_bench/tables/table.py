@@ -66,6 +66,7 @@ class Row(Data):
 
     agent: str
     privileged: bool
+    information: tuple[str, ...] = ()
     seeds: tuple[int, ...]
     cells: tuple[Cell, ...]
     auc: Estimate | None
@@ -236,18 +237,25 @@ def tabulate_results(
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)
-    privileged = {spec.agent: spec.privileged for spec in wanted}
-    privileged |= {result.agent: result.privileged for result in shown}
+    known: dict[str, tuple[bool, tuple[str, ...]]] = {}
+    known |= {spec.agent: (spec.privileged, spec.information) for spec in wanted}
+    known |= {result.agent: (result.privileged, result.information) for result in shown}
     return Table(
         suite=results[0].suite,
         suite_version=results[0].suite_version,
         tasks=names,
-        rows=tuple(_row(agent, privileged[agent], runs, names, holes) for agent, runs in sorted(by_agent.items())),
+        rows=tuple(_row(agent, known[agent], runs, names, holes) for agent, runs in sorted(by_agent.items())),
         notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
     )
 
 
-def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequence[str], holes: Sequence[Hole]) -> Row:
+def _row(
+    agent: str,
+    marks: tuple[bool, tuple[str, ...]],
+    results: Sequence[Result],
+    tasks: Sequence[str],
+    holes: Sequence[Hole],
+) -> Row:
     of_tasks = {task: [result for result in results if result.task.name == task] for task in tasks}
     by_task = {task: {result.seed: result.scores for result in of_task} for task, of_task in of_tasks.items()}
     seeds = tuple(sorted(set.intersection(*(set(of_task) for of_task in by_task.values()))))
@@ -257,7 +265,15 @@ def _row(agent: str, privileged: bool, results: Sequence[Result], tasks: Sequenc
     ]
     complete = {task: {seed: of_task[seed] for seed in seeds} for task, of_task in by_task.items()}
     iqm = estimate(complete, "auc", scores.iqm)
-    return Row(agent=agent, privileged=privileged, seeds=seeds, cells=tuple(cells), auc_iqm=iqm, **_estimates(complete))
+    return Row(
+        agent=agent,
+        privileged=marks[0],
+        information=marks[1],
+        seeds=seeds,
+        cells=tuple(cells),
+        auc_iqm=iqm,
+        **_estimates(complete),
+    )
 
 
 def _cell(task: str, results: Sequence[Result], missing: tuple[int, ...]) -> Cell:

@@ -20,5 +20,5 @@ def test_the_script_trains_and_is_recorded(tmp_path: Path, monkeypatch: pytest.M
     folder = tmp_path / run_path("custom", "FetchReach-substep3-1100", "her-sac-per-reference-action", 7)
     record = read(folder / RECORD, RunRecord)
     assert record.status == "complete"
-    assert record.spec.privileged
+    assert record.spec.information == ("relabelling",)
     assert record.spec.hyperparameters["gamma"] == pytest.approx(0.95**0.15)

@@ -206,8 +206,22 @@ def test_one_seed_has_a_dash_for_an_interval(make_record: MakeRecord) -> None:
     tables = tabulate([make_record()])
     assert "| ppo | 1 | 0.500 - | 0.500 - | 0.500 - |" in render(tables, "md")
     [line] = [line for line in render(tables, "csv").splitlines() if ",all,auc," in line]
-    assert line == "smoke,2,ppo,false,all,auc,0.500000,,,1,0"
+    assert line == "smoke,2,ppo,false,all,auc,0.500000,,,1,0,"
     assert json.loads(render(tables, "json"))[0]["rows"][0]["auc"] == {"value": 0.5, "interval": None, "seeds": 1}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_else_an_agent_uses_is_marked_in_every_format(form: str, make_record: MakeRecord) -> None:
+    run = make_record("her")
+    spec = run.spec.model_copy(update={"information": ("relabelling", "shaped")})
+    text = render(tabulate([run.model_copy(update={"spec": spec}), make_record("ppo")]), form)
+    assert "relabelling" in text
+    assert "shaped" in text
+    if form in ("md", "rich", "latex"):
+        assert "her (relabelling, shaped)" in " ".join(text.split())
+        assert "asks for the reward of goals" in text
+    with pytest.raises(IncomparableError, match="agent her: information differs"):
+        tabulate([run.model_copy(update={"spec": spec}), make_record("her", seed=1)])
 
 
 @pytest.mark.parametrize("form", FORMATS)
