@@ -77,6 +77,7 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
     return 1 if complaints else 0
 
 
+STATUSES = ("reported", "reproduced")
 Authors = Annotated[list[str] | None, typer.Option("--author", "--authors", help="May be given several times.")]
 Link = Annotated[str | None, typer.Option(help="The paper or the code.")]
 EntryStatus = Annotated[str, typer.Option("--status", help="reported, or reproduced: run again by someone else.")]
@@ -102,6 +103,7 @@ def add(
     """Make an entry from an agent's runs: at least five seeds, the same on all tasks of the suite."""
     from sprl_bench import leaderboard
 
+    options.check_choice("status", status, STATUSES)
     records, planned = _runs_of(runs, seeds)
     home = home or leaderboard.own_home()
     if not pending:
@@ -125,6 +127,7 @@ def promote(
     """Make an entry from an agent's pending runs, and remove those."""
     from sprl_bench import leaderboard
 
+    options.check_choice("status", status, STATUSES)
     home = home or leaderboard.own_home()
     path = leaderboard.pending_path(home, suite, agent)
     _write_entry(leaderboard.read_pending(path).runs, agent, authors, link, suite, status, home, replace)
@@ -144,7 +147,6 @@ def _write_entry(
 ) -> None:
     from sprl_bench import leaderboard
 
-    options.check_choice("status", status, ("reported", "reproduced"))
     if not authors or not link:
         raise ValueError(f"{'link' if authors else 'author'} is missing; an entry must name its authors and a link.")
     entry = leaderboard.make_entry(
