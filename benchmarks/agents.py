@@ -22,11 +22,21 @@ from sprl_baselines.ppo import PPOConfig
 from sprl_bench.agents import load_factory
 
 TASK = "SPRL/FourRooms-7x7-v1"
-TIMES = {"gt-grid": 1.05, "icm": 1.6, "gt-sprl": 2.0, "sprl": 2.0, "eco": 2.5}  # of PPO's time, at most
+TIMES = {  # of PPO's time, at most
+    "count": 1.05,
+    "gt-grid": 1.05,
+    "rnd": 1.5,
+    "icm": 1.6,
+    "gt-sprl": 2.0,
+    "sprl": 2.0,
+    "eco": 2.5,
+}
 TRUSTED = {"ready_trainings": 1, "ready_accuracy": 0.0}
 SAME_STEPS: Mapping[str, Mapping[str, Any]] = {
     "ppo": {},
+    "count": {"bonus_weight": 0.0},
     "gt-grid": {"bonus_weight": 0.0},
+    "rnd": {"bonus_weight": 0.0},
     "icm": {"bonus_weight": 0.0},
     "gt-sprl": {"cost_scale": 0.0, "learning_rate": PPOConfig.learning_rate},
     "sprl": {"cost_scale": 0.0, "learning_rate": PPOConfig.learning_rate, **TRUSTED},
