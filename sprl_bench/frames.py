@@ -1,8 +1,8 @@
 """Results as pandas data frames: what was recorded, to compute with and to draw.
 
-Every frame is indexed by what names a run: `suite`, `task`, `agent` and `seed`. Text is of pandas' `string` type, whole
-numbers are `int64` (`Int64` where one may be missing), other numbers `float64`. Nothing here writes a file. pandas
-comes with the extra `plots`, and is loaded when a frame is made.
+Every frame is indexed, and sorted, by what names a run: `suite`, `task`, `agent` and `seed`. Text is of pandas'
+`string` type, whole numbers are `int64` (`Int64` where one may be missing), other numbers `float64`. Nothing here
+writes a file. pandas comes with the extra `plots`, and is loaded when a frame is made.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NULLABLE: Final = MappingProxyType({bool: "boolean", float: "Float64", int: "Int
 
 
 def runs(root: str | Path) -> DataFrame:
-    """Return one row a run, finished or not, in the order of their paths.
+    """Return one row a run, finished or not.
 
     Columns: `status`, `budget`, `preset`, `privileged`, `num_envs`, `device`, `torch_threads`, `differences` (from the
     preset, as JSON); the scores `auc`, `final`, `success_auc`, `success_final` and `steps_to_threshold`; the totals
@@ -177,4 +177,4 @@ def _indexed(frame: DataFrame) -> DataFrame:
     kinds = {name: TEXT for name in frame.columns if all(isinstance(one, str | None) for one in frame[name])}
     if "steps_to_threshold" in frame.columns:  # missing where it was never reached
         kinds["steps_to_threshold"] = "Int64"
-    return frame.astype(kinds).set_index(list(INDEX))
+    return frame.astype(kinds).set_index(list(INDEX)).sort_index(kind="stable")
