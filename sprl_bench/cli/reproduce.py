@@ -41,7 +41,7 @@ def reproduce(
     agents = chosen.on_base(base) if base is not None else chosen.agents
     specs = studies.specs_of(chosen, parse_seeds(seeds), budget_share, agents=agents, tasks=task or None, device=device)
     failed = 0
-    if runs is None:
+    if runs is None and specs:
         outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
         failed = sum(outcome.status == "failed" for outcome in outcomes)
     evidence = studies.evidence_of(specs, runs or out) if specs else studies.Evidence()
