@@ -96,9 +96,12 @@ class LearningAgent:
         learner_seed, bonus_seed, noise_seed = map(int, np.random.SeedSequence(self._seed).generate_state(3))
         self._view = self._make_view(spaces[0])
         observed = stacked(spaces[0], self.config.stack)
-        config = self.config.timed(envs.metadata.get("action_time", 1.0))
+        action_time = float(envs.metadata.get("action_time", 1.0))
+        config = self.config.timed(action_time)
         self.learner = PPO(observed, spaces[1], config, learner_seed, self._device, self._view)
-        self.bonus = self._make_bonus(Setting(*spaces, envs.num_envs, bonus_seed, self._device, self._view))
+        self.bonus = self._make_bonus(
+            Setting(*spaces, envs.num_envs, bonus_seed, self._device, self._view, action_time)
+        )
         self._normalizer = RewardNormalizer(envs.num_envs, config.gamma, self._device, config.reward_clip)
         self._collector = Collector(
             envs,

@@ -57,6 +57,7 @@ class Setting:
     seed: int
     device: torch.device
     view: View = RAW  # what networks see of an observation
+    action_time: float = 1.0  # duration of an env step, in reference actions
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import torch
 from torch import Tensor
 
 from sprl_baselines.bonus import Setting
-from sprl_baselines.learning.config import Count, Share, Weight
+from sprl_baselines.learning.config import Choice, Count, Share, Weight
 from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.reachability import (
     GroundTruth,
@@ -41,6 +41,12 @@ class ConstraintConfig(HorizonConfig):
     vote_quantile: Share = 0.9  # the cost is this quantile of the votes (appendix E.3)
     cost_scale: Weight = 0.002  # weight of the whole bonus (Table 1)
     bias: float = 0.5  # added to every step's bonus, before scaling
+    # What cost_scale is per: an env step, or the duration of a reference action (Fetch, substep 20).
+    cost_per: Annotated[str, Choice("action", "reference-action")] = "action"
+
+    def scale(self, action_time: float) -> float:
+        """Return the cost scale per env step, which lasts so many reference actions."""
+        return self.cost_scale if self.cost_per == "action" else self.cost_scale * action_time
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,7 @@ class SPRL:
         lengths = config.k + config.tolerance * torch.arange(1, config.tolerance_samples + 1)
         self._lengths = lengths.to(setting.device)  # [J]
         self._needed = votes_needed(config.tolerance_samples, config.vote_quantile)
+        self._scale = config.scale(setting.action_time)
         self._recent = torch.empty(0)  # [M, N, ...] the last states; M is the longest path length
         self._runs = torch.zeros(setting.num_envs, dtype=torch.int64, device=setting.device)  # [N] steps since a cut
         self._violations = 0.0  # share of the last rollout's steps
@@ -88,7 +95,7 @@ class SPRL:
             return torch.zeros_like(rollout.rewards)
         costs = self._costs(states, runs)
         self._violations = float(costs.mean())
-        return self.config.cost_scale * (self.config.bias - costs)
+        return self._scale * (self.config.bias - costs)
 
     def _blank(self, rollout: Rollout) -> Tensor:
         """Return all-zero states to precede the first rollout, `[M, N, ...]`."""

@@ -10,6 +10,7 @@ import pytest
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_baselines.agents import eco, icm, ppo, rnd, sprl
 from sprl_baselines.ppo import PPOConfig
+from sprl_baselines.sprl import SPRLConfig
 
 
 @pytest.mark.parametrize(("discount_per", "time", "gamma"), [("action", 0.2, 0.9), ("reference-action", 0.5, 0.9**0.5)])
@@ -35,5 +36,15 @@ def test_the_fetch_environments_say_how_long_an_action_lasts() -> None:
 @pytest.mark.parametrize("agent", [ppo, icm, eco, sprl, rnd])
 def test_both_discounts_are_presets_of_fetch(agent: Any) -> None:
     per_action, per_time = (agent.hyperparameters("fetch", {}, preset) for preset in ("per-action", "table"))
-    assert per_time == {**per_action, "discount_per": "reference-action"}
-    assert per_action["discount_per"] == "action"
+    timed = [name for name in per_time if name in ("discount_per", "cost_per")]
+    assert per_time == {**per_action, **dict.fromkeys(timed, "reference-action")}
+    assert {per_action[name] for name in timed} == {"action"}
+    assert ("cost_per" in timed) == (agent is sprl)
+
+
+def test_never_violating_is_worth_less_than_the_goal_on_fetch() -> None:
+    config = sprl.hyperparameters("fetch", {})
+    for substep in (2, 3, 8, 20):
+        gamma = PPOConfig.pick(config).timed(substep / 20).gamma
+        income = SPRLConfig.pick(config).scale(substep / 20) * config["bias"]
+        assert income / (1 - gamma) < 0.6 * config["reward_clip"]

@@ -113,6 +113,15 @@ def line_rollout(steps: int, **changes: Tensor) -> Rollout:
     return replace(rollout, **changes)
 
 
+@pytest.mark.parametrize(("cost_per", "scale"), [("action", 1.0), ("reference-action", 0.15)])
+def test_the_cost_may_be_per_simulated_time(cost_per: str, scale: float) -> None:
+    config = ConstraintConfig(k=2, tolerance_samples=1, cost_scale=1.0, bias=0.25, cost_per=cost_per)
+    setting = Setting(LINE, spaces.Discrete(2), 1, seed=0, device=CPU, action_time=0.15)
+    bonus = SPRL(setting, config, Constant(0.6))  # type: ignore[arg-type]
+    expected = torch.tensor([EARLY, EARLY, PAID, PAID]) * scale
+    torch.testing.assert_close(bonus.reward(line_rollout(4)).squeeze(1), expected)
+
+
 @pytest.mark.parametrize(("likely", "expected"), [(0.4, EARLY), (0.6, PAID)])
 def test_more_than_a_half_is_a_yes(likely: float, expected: float) -> None:
     bonus = on_a_line(likely, bias=0.25)

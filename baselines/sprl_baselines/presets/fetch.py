@@ -41,12 +41,15 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     },
     "ppo": {**COMMON, "entropy_coefficient": 0.01},
     "rnd": EXPLORING,
-    "sprl": {**EXPLORING, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 20},
+    # The discount is per reference action, and so is the cost. Per action, staying alive at substep 3 would be worth
+    # .05 / (1 - .9985) = 33, and the goal at most 10.
+    "sprl": {**EXPLORING, **NETWORK, "cost_scale": 0.05, "cost_per": "reference-action", "tolerance_samples": 20},
 }
 
-# The same with the discount per action, however short an action is.
+# The same with discount and cost per action, however short an action is.
 PER_ACTION: Mapping[str, Mapping[str, Any]] = {
-    agent: {**settings, "discount_per": "action"} for agent, settings in TABLE.items()
+    agent: {**settings, "discount_per": "action", **({"cost_per": "action"} if agent == "sprl" else {})}
+    for agent, settings in TABLE.items()
 }
 # The sweep's choice of entropy for PPO; Table 5 has it for the other agents.
 TUNED: Mapping[str, Mapping[str, Any]] = {"ppo": EXPLORING}
