@@ -81,8 +81,8 @@ def _page(
         lines += [study.decisions, ""]
     if has_figure:
         lines += [f"![{study.title}]({study.name}.png)", ""]
-    if study.table is not None:
-        lines += [study.table(), ""]
+    if study.table is not None and (numbers := study.table(evidence)):
+        lines += [numbers, ""]
     if evidence.results:
         lines += [*_runs(evidence), "", _tables(evidence), ""]
     if missing:

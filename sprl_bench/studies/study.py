@@ -70,7 +70,7 @@ class Study:
         judge: From the evidence to a verdict; it is given the agents, in case their base was changed.
         figure: How it is drawn: learning curves, scores along an axis, or a metric.
         draw: Draws a figure of its own instead; it returns whether there was anything to draw.
-        table: Numbers for the page, Markdown, where they are not scores of runs.
+        table: From the evidence to numbers for the page that are not scores, Markdown; empty if there are none.
         axis: The hyperparameter or argument that varies, for figures along an axis.
         axis_default: The argument's value where a task does not give it.
         metric: What is drawn, for figures of a metric.
@@ -85,7 +85,7 @@ class Study:
     judge: Callable[[Evidence, Sequence[str]], Verdict]
     figure: Figure = "curves"
     draw: Callable[[Evidence, Path], bool] | None = None
-    table: Callable[[], str] | None = None
+    table: Callable[[Evidence], str] | None = None
     axis: str = ""
     axis_default: float | None = None
     metric: str = ""
