@@ -82,7 +82,7 @@ def by_trained(folder: Path) -> float:
 
 def horizon(hyperparameters: Mapping[str, Any]) -> tuple[int, int, int]:
     """Return k, the tolerance and the negative bias."""
-    return tuple(hyperparameters[name] for name in ("k", "tolerance", "negative_bias"))  # type: ignore[return-value]
+    return tuple(hyperparameters[name] for name in ("k", "tolerance", "negative_bias"))
 
 
 def accuracy(stretches: Sequence[Array], k: int, tolerance: int, negative_bias: int) -> float:
