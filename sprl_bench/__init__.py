@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sprl_bench.plots import plot
     from sprl_bench.recorder import record, recording
     from sprl_bench.records import RunRecord, RunSpec, find_records
+    from sprl_bench.replay import verify
     from sprl_bench.suite import expand, run_suite, survey
     from sprl_bench.tables import tabulate
     from sprl_bench.tables.render import render
@@ -59,6 +60,7 @@ __all__ = [
     "survey",
     "tabulate",
     "validate",
+    "verify",
 ]
 
 _HOMES = {
@@ -68,6 +70,7 @@ _HOMES = {
     "plots": "plot",
     "recorder": "record recording",
     "records": "RunRecord RunSpec find_records",
+    "replay": "verify",
     "suite": "expand run_suite survey",
     "tables": "render tabulate",
     "tasks": "SUITES Suite Task find_suite",

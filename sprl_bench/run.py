@@ -27,8 +27,9 @@ from sprl_bench.provenance import Provenance
 from sprl_bench.recorder import VectorRecorder
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import write_result
+from sprl_bench.recorder.tape import Head, Tape
 from sprl_bench.records import RunRecord, RunSpec, write
-from sprl_bench.records.folder import CHECKPOINT, ERROR, METRICS, SPEC, WEIGHTS, lock, remove_leftovers
+from sprl_bench.records.folder import ACTIONS, CHECKPOINT, ERROR, METRICS, SPEC, WEIGHTS, lock, remove_leftovers
 from sprl_bench.resume import find_finished, load_checkpoint, other_build
 from sprl_bench.sinks import NoSink, Sink, make_sink
 
@@ -46,6 +47,7 @@ def run(
     checkpoint_every_s: float = 60.0,
     stop: Callable[[], bool] = lambda: False,
     log: str = "",
+    keep_actions: bool = False,
 ) -> RunRecord:
     """Train one agent with one seed on one task, and write the run's folder below `out`.
 
@@ -59,6 +61,8 @@ def run(
         checkpoint_every_s: Seconds between two checkpoints; 0 for one after each update.
         stop: Called after each update; True stops the run as a signal does.
         log: Where diagnostics go besides `metrics.jsonl`: "tensorboard", or "package.module:factory" of a `Sink`.
+        keep_actions: Keep every action in `actions.tape`, so that `sprl_bench.replay.verify` can repeat the run. A run
+            that continues goes on as it began.
 
     Raises:
         InterruptedRunError: The run was asked to stop.
@@ -74,7 +78,7 @@ def run(
         (folder / ERROR).unlink(missing_ok=True)
         write(folder / SPEC, spec)
         with contextlib.ExitStack() as opened, StopSignals() as signals:
-            active = _ActiveRun(spec, folder, opened)
+            active = _ActiveRun(spec, folder, opened, keep_actions=keep_actions)
             active.restore()
             active.log_to(log)
             _train(active, checkpoint_every_s, lambda: signals.received or stop())
@@ -91,16 +95,21 @@ def env_seed(spec: RunSpec) -> int:
 
 
 def make_envs(
-    env_id: str, num_envs: int, arguments: Mapping[str, Any], num_threads: int = 1
+    env_id: str,
+    num_envs: int,
+    arguments: Mapping[str, Any],
+    num_threads: int = 1,
+    autoreset: AutoresetMode = AutoresetMode.SAME_STEP,
 ) -> VectorEnv[Any, Any, Any]:
-    """Make a vector environment in SameStep mode; a batched one uses at most `num_threads` threads.
+    """Make a vector environment; a batched one uses at most `num_threads` threads.
 
     `make_vec` is taken from its own module: inside `recording()` the one in `gymnasium` records.
     """
     if env_id.startswith(NAMESPACE):
-        return make_vec(env_id, num_envs=num_envs, num_threads=num_threads, **arguments)
-    mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    return make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=mode, **arguments)
+        mode = autoreset.value
+        return make_vec(env_id, num_envs=num_envs, num_threads=num_threads, autoreset_mode=mode, **arguments)
+    keywords = {"autoreset_mode": autoreset}
+    return make_vec(env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=keywords, **arguments)
 
 
 def _train(active: _ActiveRun, checkpoint_every_s: float, stop: Callable[[], bool]) -> None:
@@ -129,9 +138,10 @@ class _ActiveRun:
         spec: The run.
         folder: Its folder; the run continues from the checkpoint there, if it has one.
         opened: Closes what is opened here.
+        keep_actions: Whether to write a tape.
     """
 
-    def __init__(self, spec: RunSpec, folder: Path, opened: contextlib.ExitStack) -> None:
+    def __init__(self, spec: RunSpec, folder: Path, opened: contextlib.ExitStack, *, keep_actions: bool) -> None:
         self.spec, self._folder = spec, folder
         self._started, self._earlier_s = time.perf_counter(), 0.0
         factory = load_factory(spec.source or spec.agent)
@@ -142,6 +152,7 @@ class _ActiveRun:
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
         self._metrics = opened.enter_context((folder / METRICS).open("ab"))
+        self._opened, self._keep_actions = opened, keep_actions
         self._reported = 0  # episodes in the means of earlier lines
         self._sink: Sink = NoSink()
 
@@ -152,6 +163,7 @@ class _ActiveRun:
             logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
         state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
         self._metrics.truncate(state["metrics_bytes"] if state else 0)
+        self._tape(state)
         if state is None:
             return
         try:
@@ -163,6 +175,20 @@ class _ActiveRun:
         self._earlier_s, self._reported = state["wall_time_s"], self._envs.episode_log.num_logged
         self._provenance = self._provenance.continuing(state["provenance"])
         logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
+
+    def _tape(self, state: Mapping[str, Any] | None) -> None:
+        """Begin a tape if one is wanted, or continue the one of the checkpoint."""
+        path = self._folder / ACTIONS
+        begun = state.get("actions_bytes", 0) if state else 0
+        if state and self._keep_actions and not begun:
+            logger.warning("%s keeps no actions: it was begun without.", self._folder)
+        if not (begun or (self._keep_actions and not state)):
+            path.unlink(missing_ok=True)
+            return
+        file = self._opened.enter_context(path.open("r+b" if begun else "w+b"))
+        file.truncate(begun)
+        file.seek(begun)
+        self._envs.tape = Tape(file, Head.of_envs(self._envs))
 
     def log_to(self, log: str) -> None:
         """Send diagnostics to a sink, too."""
@@ -196,6 +222,7 @@ class _ActiveRun:
         line = own | finite
         self._metrics.write(json.dumps(line).encode() + b"\n")
         self._metrics.flush()
+        self._envs.tape.flush()
         self._sink.write(self.env_steps, {name: value for name, value in line.items() if value is not None})
 
     def _recent(self) -> dict[str, float | None]:
@@ -213,6 +240,7 @@ class _ActiveRun:
             "provenance": self._provenance.completed().as_dict(),
             "wall_time_s": self._wall_time_s,
             "metrics_bytes": self._metrics.tell(),
+            "actions_bytes": self._envs.tape.flush(),
             "log": self._envs.episode_log.state_dict(),
             "envs": self._envs.unwrapped.get_state(),  # type: ignore[attr-defined] # checked by _resumable
             "agent": self._agent.state_dict(),  # type: ignore[attr-defined] # checked by _resumable
@@ -228,6 +256,7 @@ class _ActiveRun:
     def finish(self) -> RunRecord:
         """Write the weights and the record, and remove the checkpoint."""
         self._keep_weights()
+        self._envs.tape.flush()
         log, wall_time_s = self._envs.episode_log, self._wall_time_s
         record = write_result(self._folder, self.spec, log, self._provenance, wall_time_s=wall_time_s)
         (self._folder / CHECKPOINT).unlink(missing_ok=True)

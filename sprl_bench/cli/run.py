@@ -45,6 +45,9 @@ def run(
     log: Annotated[
         str, typer.Option(help="Where diagnostics go, too: tensorboard, or your own as package.module:factory.")
     ] = "",
+    keep_actions: Annotated[
+        bool, typer.Option("--keep-actions", help="Keep every action, so that sprl-bench verify can repeat the runs.")
+    ] = False,
     known: Annotated[
         Path | None, typer.Option(help="A folder of pending runs, which count as finished: leaderboards/pending.")
     ] = None,
@@ -76,7 +79,7 @@ def run(
     left, found = split_known(specs, find_pending(known)) if known else (specs, [])
     if found:
         typer.echo(f"{len(found)} of {len(specs)} runs are known from {known}.", err=True)
-    outcomes = run_suite(left, out, executor=works, observer=make_observer(), log=log)
+    outcomes = run_suite(left, out, executor=works, observer=make_observer(), log=log, keep_actions=keep_actions)
     return _report(left, found, outcomes, out)
 
 

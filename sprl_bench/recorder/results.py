@@ -13,7 +13,7 @@ from sprl_bench import scores
 from sprl_bench.provenance import Provenance
 from sprl_bench.recorder.episodes import EPISODE, EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
-from sprl_bench.records import RunRecord, RunSpec, Scores, Totals, gather, write, write_bytes
+from sprl_bench.records import RunRecord, RunSpec, Scores, TaskSpec, Totals, gather, write, write_bytes
 from sprl_bench.records.folder import EPISODES, RECORD
 
 
@@ -36,22 +36,29 @@ def write_result(
 
 
 def _record(spec: RunSpec, log: EpisodeLog, provenance: Provenance, wall_time_s: float) -> RunRecord:
-    episodes, task = log.episodes, spec.task
-    returns = tuple(scores.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
-    success = tuple(scores.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
-    of_environment = fingerprint(task)  # may load packages, so before the provenance is completed
+    of_environment = fingerprint(spec.task)  # may load packages, so before the provenance is completed
     return gather(
         RunRecord,
         provenance.completed(),
         spec=spec,
-        status="complete" if log.complete else "incomplete",
-        return_curve=returns,
-        success_curve=success,
-        scores=Scores.of(task, returns, success),
-        totals=_totals(log),
         fingerprint=of_environment,
         wall_time_s=round(wall_time_s, 3),
+        **outcome(spec.task, log),
     )
+
+
+def outcome(task: TaskSpec, log: EpisodeLog) -> dict[str, Any]:
+    """Return the fields of a record that follow from its episodes alone."""
+    episodes = log.episodes
+    returns = tuple(scores.curve(episodes["stamp"], episodes["return"], task.budget).tolist())
+    success = tuple(scores.curve(episodes["stamp"], episodes["success"], task.budget).tolist())
+    return {
+        "status": "complete" if log.complete else "incomplete",
+        "return_curve": returns,
+        "success_curve": success,
+        "scores": Scores.of(task, returns, success),
+        "totals": _totals(log),
+    }
 
 
 def _totals(log: EpisodeLog) -> Totals:

@@ -7,7 +7,7 @@ import logging
 import os
 import time
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, TypeVar
@@ -20,9 +20,10 @@ from sprl_bench.recorder.episodes import EpisodeLog
 from sprl_bench.recorder.fingerprint import fingerprint
 from sprl_bench.recorder.identity import choose_task, identify
 from sprl_bench.recorder.results import write_result
-from sprl_bench.recorder.wrappers import EnvRecorder, Listener, VectorRecorder
+from sprl_bench.recorder.tape import Head, NoTape, Tape
+from sprl_bench.recorder.wrappers import NO_TAPE, EnvRecorder, Listener, VectorRecorder
 from sprl_bench.records import RunRecord, RunSpec, differences, read
-from sprl_bench.records.folder import CHECKPOINT, RECORD, lock, remove_leftovers
+from sprl_bench.records.folder import ACTIONS, CHECKPOINT, RECORD, lock, remove_leftovers
 from sprl_bench.tasks import too_wide
 
 logger = logging.getLogger("sprl_bench")
@@ -41,9 +42,9 @@ def spec_of(
     return RunSpec.of(*choose_task(identify(env), suite, budget, score_range), source="", num_envs=1, **rest)
 
 
-def run_of(spec: RunSpec, folder: Path) -> ScriptRun:
+def run_of(spec: RunSpec, folder: Path, *, keep_actions: bool = False) -> ScriptRun:
     """Return the run that this process records in `folder`, new if there is none yet."""
-    run = _LIVE.get(folder) or ScriptRun(spec, folder)
+    run = _LIVE.get(folder) or ScriptRun(spec, folder, keep_actions=keep_actions)
     if run.spec != spec:
         raise ValueError(f"{folder} is being recorded with {'; '.join(differences(run.spec, spec))}.")
     return run
@@ -55,13 +56,14 @@ class ScriptRun:
     Args:
         spec: The run; sub-environments, device and threads are filled in at the end.
         folder: The run's folder.
+        keep_actions: Whether to write a tape of all actions.
 
     Raises:
         FileExistsError: The folder holds something that must not be replaced.
         LockedError: Another process records in this folder.
     """
 
-    def __init__(self, spec: RunSpec, folder: Path) -> None:
+    def __init__(self, spec: RunSpec, folder: Path, *, keep_actions: bool = False) -> None:
         import pyarrow.parquet  # noqa: F401, PLC0415 - it cannot be loaded at interpreter exit
 
         self.spec, self.folder = spec, folder
@@ -77,12 +79,14 @@ class ScriptRun:
         self._log, self._vector = self._empty_log(), False
         self._warned = False  # of too many environments
         self._open: set[_Member] = set()
+        self._keep_actions, self._tape = keep_actions, NO_TAPE
         try:
             _refuse_to_replace(folder)
         except BaseException:
             self._owned.close()
             raise
         remove_leftovers(folder)
+        (folder / ACTIONS).unlink(missing_ok=True)
 
     @property
     def complete(self) -> bool:
@@ -101,18 +105,27 @@ class ScriptRun:
         member = _Member(self)
         recorder: Any
         if vector:
-            recorder = VectorRecorder(env, self.spec.task.budget, member)
+            tape = self._tape_for(Head.of_envs, env)
+            recorder = VectorRecorder(env, self.spec.task.budget, member, tape=tape)
             self._log = recorder.episode_log
         else:
             if self._vector:
                 self._log = self._empty_log()
-            recorder = EnvRecorder(env, self._log, self._log.add_env(), member)
+            tape = self._tape_for(Head.of, env.action_space)
+            recorder = EnvRecorder(env, self._log, self._log.add_env(), member, tape=tape)
         self._vector = vector
         self._open.add(member)
         if vector:
             self._warn_of_width(self._log.num_envs)
         weakref.finalize(recorder, member.closed)  # when it is forgotten, or at the end of the process
         return recorder
+
+    def _tape_for(self, head: Callable[[Any], Head], source: Any) -> NoTape:
+        """Return the tape of this run, which begins with its first environment."""
+        if self._keep_actions and self._tape is NO_TAPE:
+            begun = head(source)
+            self._tape = Tape(self._owned.enter_context((self.folder / ACTIONS).open("w+b")), begun)
+        return self._tape
 
     def _empty_log(self) -> EpisodeLog:
         return EpisodeLog(0, self.spec.task.budget, AutoresetMode.DISABLED)
@@ -141,6 +154,7 @@ class ScriptRun:
             return
         self.final = True
         with self._owned:
+            self._tape.flush()
             if self._log.env_steps:
                 made = self._provenance.completed()
                 known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}

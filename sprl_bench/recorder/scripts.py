@@ -33,6 +33,7 @@ def record(
     privileged: bool = False,
     information: Sequence[str] = (),
     hyperparameters: Mapping[str, Any] = NONE,
+    keep_actions: bool = False,
 ) -> AnyEnv:
     """Return `env` with a recorder on it, which writes the run's record below `out`.
 
@@ -53,6 +54,7 @@ def record(
         information: What else it uses: "relabelling" (rewards of goals that it did not pursue), "resetting" (returns to
             earlier states), "shaped" (another reward than the task's).
         hyperparameters: Names and plain values, to be noted.
+        keep_actions: Keep every action in `actions.tape` beside the record, for `sprl-bench verify`.
 
     Raises:
         TypeError, ValueError: An argument is not allowed, or a wrapper lies beneath the recorder.
@@ -63,15 +65,16 @@ def record(
     about: dict[str, Any] = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
     about["information"] = tuple(information)
     spec = spec_of(env, **task, **about)
-    recorded: AnyEnv = run_of(spec, spec.path(Path(out).resolve())).take_in(env)
+    run = run_of(spec, spec.path(Path(out).resolve()), keep_actions=keep_actions)
+    recorded: AnyEnv = run.take_in(env)
     return recorded
 
 
 class Recording:
     """A block in which each new environment of this package is recorded; see `recording`."""
 
-    def __init__(self, out: Path, arguments: Mapping[str, Any]) -> None:
-        self._out, self._arguments = out, arguments
+    def __init__(self, out: Path, arguments: Mapping[str, Any], *, keep_actions: bool = False) -> None:
+        self._out, self._arguments, self._keep_actions = out, arguments, keep_actions
         self._paused = False
         self._runs: dict[Path, ScriptRun] = {}
         self._process = os.getpid()
@@ -105,7 +108,7 @@ class Recording:
         if folder in self._runs and self._runs[folder].complete:
             warnings.warn(f"{folder} has its record by now, so a further environment is not recorded.", stacklevel=3)
             return env
-        run = run_of(spec, folder)
+        run = run_of(spec, folder, keep_actions=self._keep_actions)
         run.held = True
         self._runs[run.folder] = run
         recorded: AnyEnv = run.take_in(env)
@@ -130,6 +133,7 @@ def recording(
     privileged: bool = False,
     information: Sequence[str] = (),
     hyperparameters: Mapping[str, Any] = NONE,
+    keep_actions: bool = False,
 ) -> Iterator[Recording]:
     """Record every `SPRL/` environment that `gymnasium.make` or `gymnasium.make_vec` makes inside the block.
 
@@ -148,7 +152,7 @@ def recording(
     task = {"suite": suite, "budget": budget, "score_range": score_range}
     about = {"agent": agent, "seed": seed, "privileged": privileged, "hyperparameters": hyperparameters}
     about["information"] = tuple(information)
-    block = Recording(Path(out).resolve(), {**task, **about})
+    block = Recording(Path(out).resolve(), {**task, **about}, keep_actions=keep_actions)
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)
     try:

@@ -16,6 +16,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sprl_bench.recorder.episodes import EpisodeLog
+from sprl_bench.recorder.tape import NoTape
 
 Mask = npt.NDArray[np.bool_]
 
@@ -42,6 +43,7 @@ class Listener:
 
 
 SILENT: Final = Listener()
+NO_TAPE: Final = NoTape()
 UNCOPYABLE: Final = "A recorded environment cannot be copied or pickled; record each environment where it is used."
 UNRESET: Final = "A recorded environment must be reset() before its first step, so that no episode is recorded in part."
 
@@ -68,12 +70,20 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         budget: Environment steps after which nothing is recorded; later steps pass through.
         listener: Receives `completed` and `closed`.
         seeded: Whether the environment already has its seed, so that `reset` refuses another one.
+        tape: Keeps the actions and resets until the budget is reached.
     """
 
     def __init__(
-        self, env: VectorEnv[Any, Any, Any], budget: int, listener: Listener = SILENT, *, seeded: bool = False
+        self,
+        env: VectorEnv[Any, Any, Any],
+        budget: int,
+        listener: Listener = SILENT,
+        *,
+        seeded: bool = False,
+        tape: NoTape = NO_TAPE,
     ) -> None:
         super().__init__(env)
+        self.tape = tape
         self._seeded = seeded
         self._unreset = np.full(env.num_envs, not seeded)  # [N]
         self._begun = seeded
@@ -95,6 +105,8 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
+        if not self.episode_log.complete:
+            self.tape.reset(seed, None if mask is None else envs)
         self._unreset[envs] = False
         self._begun = not self._unreset.any()
         self.episode_log.reset(envs)
@@ -109,6 +121,8 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         if not self._begun:
             raise ResetNeeded(UNRESET)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
+        if not self.episode_log.complete:
+            self.tape.step(actions)
         ended = np.logical_or(terminated, truncated)
         if self.episode_log.step(np.asarray(rewards, np.float64), ended, self._success(infos, ended)):
             self._listener.completed()
@@ -139,13 +153,21 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         log: The log of all sub-environments.
         index: Which sub-environment of that log this is.
         listener: Receives all events.
+        tape: Keeps the actions and resets until the budget is reached.
     """
 
     def __init__(
-        self, env: gymnasium.Env[Any, Any], log: EpisodeLog, index: int = 0, listener: Listener = SILENT
+        self,
+        env: gymnasium.Env[Any, Any],
+        log: EpisodeLog,
+        index: int = 0,
+        listener: Listener = SILENT,
+        *,
+        tape: NoTape = NO_TAPE,
     ) -> None:
         super().__init__(env)
         self.episode_log, self._index = log, index
+        self.tape = tape
         self._listener = listener
         self._is_reset = self._has_stepped = False
 
@@ -159,6 +181,8 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             _refuse_seed(seed)
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
+        if not self.episode_log.complete:
+            self.tape.reset(seed, env=self._index)
         self._is_reset = True
         self.episode_log.reset(self._here)
         return observation, info
@@ -173,6 +197,8 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             raise ResetNeeded(UNRESET)
         self._listener.stepping()
         observation, reward, terminated, truncated, info = self.env.step(action)
+        if not self.episode_log.complete:
+            self.tape.step(action, self._index)
         self._has_stepped = True
         ended = np.array([terminated or truncated])
         success = np.array([bool(info.get("is_success", False))])
@@ -190,6 +216,8 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def close(self) -> None:
         """Close the environment; an unfinished episode counts as a failure."""
+        if not self.episode_log.complete:
+            self.tape.close(self._index)
         self.episode_log.reset(self._here)
         self._listener.closed()
         self.env.close()

@@ -14,6 +14,7 @@ from typing import Final
 RECORD: Final = "record.json"
 EPISODES: Final = "episodes.parquet"
 METRICS: Final = "metrics.jsonl"
+ACTIONS: Final = "actions.tape"
 CHECKPOINT: Final = "checkpoint.safetensors"
 WEIGHTS: Final = "weights.safetensors"
 SPEC: Final = "spec.json"

@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -56,10 +56,12 @@ def run_suite(
     executor: Executor,
     observer: Observer = Observer(),  # noqa: B008 - it has no state
     log: str = "",
+    keep_actions: bool = False,
 ) -> list[Outcome]:
     """Work on all unfinished runs, and return the outcome of every run, in the order of `specs`.
 
-    A run that fails writes its traceback to its folder; the others continue. `log` is that of `sprl_bench.run.run`.
+    A run that fails writes its traceback to its folder; the others continue. `log` and `keep_actions` are those of
+    `sprl_bench.run.run`.
 
     Raises:
         SpecChangedError: There are results under the same name with another spec. No run was started.
@@ -73,7 +75,8 @@ def run_suite(
     outcomes: dict[RunKey, Outcome] = {}
     observer.started(specs, out)
     try:
-        with contextlib.closing(_work_on(specs, waiting, out, executor, log)) as work:
+        attempt = partial(_attempt, out=out, log=log, keep_actions=keep_actions)
+        with contextlib.closing(_work_on(specs, waiting, out, executor, attempt)) as work:
             for outcome in work:
                 outcomes[_key(outcome.spec)] = outcome
                 observer.ended(outcome)
@@ -87,11 +90,15 @@ def _key(spec: RunSpec) -> RunKey:
 
 
 def _work_on(
-    specs: Sequence[RunSpec], waiting: Sequence[RunSpec], out: Path, executor: Executor, log: str
+    specs: Sequence[RunSpec],
+    waiting: Sequence[RunSpec],
+    out: Path,
+    executor: Executor,
+    attempt: Callable[[RunSpec], Outcome],
 ) -> Generator[Outcome]:
     left = {_key(spec) for spec in waiting}
     yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
-    for spec, result in executor.map(partial(_attempt, out=out, log=log), waiting):
+    for spec, result in executor.map(attempt, waiting):
         if isinstance(result, WorkerDiedError):
             _leave_error(spec, out, f"{result}\n")
             yield Outcome(spec, "failed", str(result))
@@ -105,12 +112,12 @@ def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
         write_bytes(spec.path(out) / ERROR, text.encode())
 
 
-def _attempt(spec: RunSpec, out: Path, log: str) -> Outcome:
+def _attempt(spec: RunSpec, out: Path, log: str, keep_actions: bool) -> Outcome:
     """Run one spec in a worker, and turn its end, or any error, into an outcome."""
     parent = os.getppid()
     try:
         with _output_to(spec.path(out) / OUTPUT):
-            run(spec, out, stop=lambda: os.getppid() != parent, log=log)
+            run(spec, out, stop=lambda: os.getppid() != parent, log=log, keep_actions=keep_actions)
     except (InterruptedRunError, LockedError) as error:
         return Outcome(spec, "failed", str(error))
     except Exception as error:  # an agent may raise anything; the other runs continue

@@ -1,0 +1,157 @@
+"""Verification: the environment alone repeats a run by its kept actions, and every score is computed again."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from sprl_bench.recorder import EnvRecorder, EpisodeLog, VectorRecorder
+from sprl_bench.recorder.identity import NAMESPACE
+from sprl_bench.recorder.results import outcome
+from sprl_bench.recorder.tape import Close, Event, Head, Reset, Steps, UnfitForTapeError, read_tape
+from sprl_bench.records import RunRecord, RunSpec, read
+from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD
+from sprl_bench.run import env_seed, make_envs
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replay of one run found; `difference` is one sentence, empty if everything is equal.
+
+    Attributes:
+        folder: The run's folder.
+        record: Its record.
+        env_steps: Steps that were repeated.
+        difference: What is not equal, and at which step.
+    """
+
+    folder: Path
+    record: RunRecord
+    env_steps: int
+    difference: str = ""
+
+    @property
+    def equal(self) -> bool:
+        """Whether every episode, curve and score is that of the record, bit for bit."""
+        return not self.difference
+
+
+class NotReplayableError(ValueError):
+    """The run cannot be repeated: it kept no actions, or they cannot be read."""
+
+
+def verify(folder: str | Path) -> Replay:
+    """Repeat a run in its environment alone, by the actions that it kept, and compare everything that is scored.
+
+    Args:
+        folder: The run's folder, with a record, its episodes and its actions.
+
+    Raises:
+        FileNotFoundError: The folder has no record.
+        InvalidFileError: A file there is broken.
+        NotReplayableError: The run kept no actions, or they cannot be read.
+    """
+    folder = Path(folder)
+    if not (folder / RECORD).is_file():
+        raise FileNotFoundError(f"{folder} has no {RECORD}; it must be the folder of a finished run.")
+    record = read(folder / RECORD, RunRecord)
+    if not (folder / ACTIONS).is_file():
+        raise NotReplayableError(f"{folder} has no {ACTIONS}; the run must be made with --keep-actions.")
+    try:
+        log = _replayed(record.spec, *read_tape(folder / ACTIONS))
+    except UnfitForTapeError as error:
+        raise NotReplayableError(str(error)) from None
+    difference = _episodes_differ(folder / EPISODES, log) or _record_differs(record, log)
+    return Replay(folder, record, log.env_steps, difference)
+
+
+def _replayed(spec: RunSpec, head: Head, events: Iterator[Event]) -> EpisodeLog:
+    """Return the log of episodes of a run that is repeated."""
+    if head.num_envs:
+        return _replay_vector(spec, head, events)
+    return _replay_singles(spec, list(events))
+
+
+def _replay_vector(spec: RunSpec, head: Head, events: Iterable[Event]) -> EpisodeLog:
+    own = bool(spec.source)  # our own harness seeds the environments; a script does it itself
+    envs = make_envs(spec.task.env_id, head.num_envs, spec.task.arguments, autoreset=AutoresetMode(head.autoreset))
+    with contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=own)) as recorder:
+        if own:
+            envs.reset(seed=env_seed(spec))
+        for event in events:
+            if isinstance(event, Reset):
+                options = None if event.mask is None else {"reset_mask": np.array(event.mask)}
+                recorder.reset(seed=event.seed, options=options)
+            elif isinstance(event, Steps):
+                for actions in event.actions:
+                    recorder.step(actions)
+        return recorder.episode_log
+
+
+def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
+    log = EpisodeLog(0, spec.task.budget, AutoresetMode.DISABLED)
+    recorders = [_recorded(spec, log) for _ in range(_number_of_envs(events))]
+    for event in events:
+        if isinstance(event, Reset):
+            recorders[event.env].reset(seed=event.seed)  # type: ignore[arg-type] # a single one has a single seed
+        elif isinstance(event, Close):
+            recorders[event.env].close()
+        else:
+            for env, action in zip(event.envs if event.envs is not None else (), event.actions, strict=True):
+                recorders[env].step(action)
+    return log
+
+
+def _recorded(spec: RunSpec, log: EpisodeLog) -> EnvRecorder:
+    arguments: dict[str, Any] = dict(spec.task.arguments)
+    return EnvRecorder(gymnasium.make(_importable(spec.task.env_id), **arguments), log, log.add_env())
+
+
+def _importable(env_id: str) -> str:
+    return f"sprl_bench:{env_id}" if env_id.startswith(NAMESPACE) else env_id
+
+
+def _number_of_envs(events: Iterable[Event]) -> int:
+    """Return how many single environments a tape has."""
+    largest = -1
+    for event in events:
+        if isinstance(event, Steps):
+            largest = max([largest, *(event.envs.tolist() if event.envs is not None else ())])
+        else:
+            largest = max(largest, event.env)
+    return largest + 1
+
+
+def _episodes_differ(path: Path, log: EpisodeLog) -> str:
+    """Return where the episodes of a file are not those of a log, in one sentence."""
+    from pyarrow import parquet  # noqa: PLC0415 - heavy
+
+    there = parquet.read_table(path)
+    here = log.episodes
+    for name in here.dtype.names or ():
+        column = np.asarray(there.column(name))
+        shared = min(len(column), len(here))
+        places = np.flatnonzero(column[:shared] != here[name][:shared])
+        if len(places):
+            first, end = places[0], here["stamp"][places[0]]
+            values = f"the {name} {column[first]} in the file and {here[name][first]} in the replay"
+            return f"episode {first}, which ends at env step {end}, has {values}"
+    if there.num_rows != len(here):
+        return f"the file has {there.num_rows} episodes and the replay {len(here)}"
+    return ""
+
+
+def _record_differs(record: RunRecord, log: EpisodeLog) -> str:
+    """Return which field of a record is not that of a log, in one sentence."""
+    replayed: Mapping[str, Any] = outcome(record.spec.task, log)
+    for name, value in replayed.items():
+        if getattr(record, name) != value:
+            return f"{name} of the record does not follow from the replayed episodes"
+    return ""
