@@ -1,10 +1,13 @@
-"""Verification: the environment alone repeats a run by its kept actions, and every score is computed again."""
+"""Verification: the environment alone repeats a run by its kept actions, or the run is trained again.
+
+Either way every episode, curve and score must come out the same.
+"""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +15,16 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from sprl_bench.leaderboard import Entry
+from sprl_bench.leaderboard.entries import SeedResult
 from sprl_bench.recorder import EnvRecorder, EpisodeLog, VectorRecorder
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import outcome
 from sprl_bench.recorder.tape import Close, Event, Head, Reset, Steps, UnfitForTapeError, read_tape
-from sprl_bench.records import RunRecord, RunSpec, read
-from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD
-from sprl_bench.run import env_seed, make_envs
+from sprl_bench.records import RunRecord, RunSpec, gather, read
+from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD, run_path
+from sprl_bench.run import env_seed, make_envs, run
+from sprl_bench.suggestions import unknown
 
 
 @dataclass(frozen=True)
@@ -70,6 +76,70 @@ def verify(folder: str | Path) -> Replay:
         raise NotReplayableError(str(error)) from None
     difference = _episodes_differ(folder / EPISODES, log) or _record_differs(record, log)
     return Replay(folder, record, log.env_steps, difference)
+
+
+def verify_entry(entry: Entry, root: str | Path) -> list[Replay]:
+    """Repeat the run of every row of an entry, and compare it with its record and with the entry.
+
+    Args:
+        entry: The entry.
+        root: The folder of the entry's runs.
+
+    Raises:
+        FileNotFoundError: A run is missing.
+        InvalidFileError: A file there is broken.
+        NotReplayableError: A run kept no actions, or they cannot be read.
+    """
+    folders = [
+        (result, Path(root) / run_path(entry.suite, part.task.name, entry.agent, result.seed))
+        for part in entry.tasks
+        for result in part.results
+    ]
+    return [_beside(verify(folder), result) for result, folder in folders]
+
+
+def _beside(found: Replay, result: SeedResult) -> Replay:
+    """Return what a replay found, or how the run differs from its row in an entry."""
+    for name in ("return_curve", "success_curve", "scores"):
+        if found.equal and getattr(found.record, name) != getattr(result, name):
+            return replace(found, difference=f"{name} of the entry is not that of the record")
+    return found
+
+
+def row_spec(entry: Entry, task: str, seed: int) -> RunSpec:
+    """Return the spec of the run behind one row of an entry, from the entry alone.
+
+    Raises:
+        ValueError: The entry has no such task or seed, or its runs were recorded by a script.
+    """
+    parts = {part.task.name: part for part in entry.tasks}
+    if task not in parts:
+        raise ValueError(unknown("task of this entry:", task, parts))
+    part = parts[task]
+    if seed not in part.seeds:
+        raise ValueError(f"seed is {seed}; it must be one of this entry's: {', '.join(map(str, part.seeds))}.")
+    if not part.source:
+        raise ValueError(f"agent is {entry.agent!r}, of a script; it must be one that sprl-bench run can train.")
+    return gather(RunSpec, part.results[part.seeds.index(seed)], part, entry)
+
+
+def retrain(entry: Entry, task: str, seed: int, out: str | Path) -> tuple[RunRecord, str]:
+    """Train one row of an entry again; return its record and how it differs from the entry, empty if it does not.
+
+    The same curves can only be expected of the same versions on the same kind of processor.
+
+    Args:
+        entry: The entry.
+        task: One of its tasks.
+        seed: One of its seeds.
+        out: The folder of the new run; the same call continues an interrupted one.
+
+    Raises:
+        ValueError: There is no such row, or it cannot be trained.
+    """
+    record = run(row_spec(entry, task, seed), Path(out))
+    [row] = [one for part in entry.tasks if part.task.name == task for one in part.results if one.seed == seed]
+    return record, _beside(Replay(Path(out), record, record.totals.env_steps), row).difference
 
 
 def _replayed(spec: RunSpec, head: Head, events: Iterator[Event]) -> EpisodeLog:

@@ -18,10 +18,11 @@ from pyarrow import parquet
 
 import sprl_bench
 from cli_calls import Capture, call
+from sprl_bench.leaderboard import read_entry
 from sprl_bench.recorder.tape import Head, Steps, Tape, UnfitForTapeError, read_tape
 from sprl_bench.records import RunSpec
 from sprl_bench.records.folder import ACTIONS, CHECKPOINT, EPISODES, RECORD
-from sprl_bench.replay import NotReplayableError, verify
+from sprl_bench.replay import NotReplayableError, retrain, verify, verify_entry
 from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.suite import expand
 from sprl_bench.tasks import find_suite
@@ -305,4 +306,60 @@ def test_the_command_says_what_is_equal_and_what_is_not(capsys: Capture, kept: P
 def test_a_folder_without_runs_is_refused(capsys: Capture, tmp_path: Path) -> None:
     status, _, err = call(capsys, "verify", tmp_path)
     assert status == 1
-    assert err.strip() == f"sprl-bench: {tmp_path}: there is no finished run."
+    assert err.strip() == f"sprl-bench: {tmp_path} has no finished run."
+
+
+# --------------------------------------------------------------------------- entries
+
+
+@pytest.fixture(scope="module")
+def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """An entry of five seeds, and the folder of its runs."""
+    runs, home = tmp_path_factory.mktemp("runs"), tmp_path_factory.mktemp("boards")
+    specs = expand(find_suite("smoke"), ["random"], range(5), device="cpu")
+    records = [run(spec, runs, keep_actions=True) for spec in specs]
+    entry = sprl_bench.make_entry(records, agent="random", authors=["A. Author"], link="https://example.org/x")
+    return sprl_bench.add_entry(entry, home), runs
+
+
+def test_an_entry_is_replayed_and_marked(capsys: Capture, published: tuple[Path, Path]) -> None:
+    path, runs = published
+    before = json.loads(path.read_text())
+    assert before["evidence"] == "recorded"
+    status, printed, err = call(capsys, "verify", path, "--runs", runs, "--mark")
+    assert (status, printed.splitlines()[-1]) == (0, "5 of 5 runs are replayed equal.")
+    assert err.strip() == f"Wrote {path}: its evidence is replayed."
+    assert json.loads(path.read_text()) == {**before, "evidence": "replayed"}
+    shown = call(capsys, "leaderboard", "show", "--home", path.parent.parent)[1]
+    assert "random: reported, replayed; A. Author" in shown
+
+
+def test_an_entry_with_the_curves_of_other_runs_is_found(published: tuple[Path, Path]) -> None:
+    path, runs = published
+    entry = read_entry(path)
+    [part] = entry.tasks
+    first, second, *rest = part.results
+    swapped = [second.model_copy(update={"seed": 0}), first.model_copy(update={"seed": 1}), *rest]
+    forged = entry.model_copy(update={"tasks": (part.model_copy(update={"results": tuple(swapped)}),)})
+    found = [one.difference for one in verify_entry(forged, runs)]
+    assert found == ["return_curve of the entry is not that of the record"] * 2 + [""] * 3
+
+
+def test_a_row_is_trained_again_from_its_entry_alone(
+    capsys: Capture, published: tuple[Path, Path], tmp_path: Path
+) -> None:
+    command = ["reproduce-row", published[0], "--task", "FourRooms-7x7", "--out", tmp_path]
+    status, printed, _ = call(capsys, *command, "--seed", "3")
+    assert status == 0
+    assert printed.strip().endswith("every curve and score is the entry's.")
+    status, _, err = call(capsys, *command, "--seed", "9")
+    assert (status, err.strip()) == (2, "sprl-bench: seed is 9; it must be one of this entry's: 0, 1, 2, 3, 4.")
+
+
+def test_a_row_that_comes_out_otherwise_is_told(published: tuple[Path, Path], tmp_path: Path) -> None:
+    entry = read_entry(published[0])
+    [part] = entry.tasks
+    other = part.results[1].model_copy(update={"seed": 0})
+    forged = entry.model_copy(update={"tasks": (part.model_copy(update={"results": (other, *part.results[1:])}),)})
+    _, difference = retrain(forged, "FourRooms-7x7", 0, tmp_path)
+    assert difference == "return_curve of the entry is not that of the record"

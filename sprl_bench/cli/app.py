@@ -19,7 +19,7 @@ from sprl_bench.cli.reproduce import reproduce
 from sprl_bench.cli.run import run
 from sprl_bench.cli.status import status
 from sprl_bench.cli.table import table
-from sprl_bench.cli.verify import verify
+from sprl_bench.cli.verify import reproduce_row, verify
 from sprl_bench.cli.video import video
 from sprl_bench.extras import extra_of, not_installed
 
@@ -37,6 +37,7 @@ app = typer.Typer(
 app.add_typer(listing.app, name="list")
 for command in (run, status, table, plot, reproduce, verify, video, doctor):
     app.command()(command)
+app.command("reproduce-row")(reproduce_row)
 app.add_typer(sweep.app, name="sweep")
 app.add_typer(leaderboard.app, name="leaderboard")
 

@@ -125,6 +125,11 @@ class Entry(Data):
     privileged: bool = Field(description="Whether the agent sees what an ordinary one does not.")
     information: InformationClasses = ()
     status: Literal["reported", "reproduced"] = Field(description="Reproduced: run again by someone else.")
+    evidence: Literal["replayed", "recorded", "reported"] = Field(
+        default="recorded",
+        description="Replayed: the environment alone gave every score again, by the runs' actions. Recorded: written "
+        "by the recorder. Reported: copied from elsewhere.",
+    )
     suite: Name
     suite_version: Count
     tasks: Annotated[tuple[TaskEntry, ...], Field(min_length=1)]

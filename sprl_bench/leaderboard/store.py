@@ -172,7 +172,7 @@ def board(entries: Sequence[Entry]) -> Table:
     rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
     by_agent = {entry.agent: entry for entry in entries}
     sources = [
-        f"{entry.agent}: {entry.status}; {', '.join(entry.authors)}; {entry.link}"
+        f"{entry.agent}: {entry.status}, {entry.evidence}; {', '.join(entry.authors)}; {entry.link}"
         for entry in (by_agent[row.agent] for row in rows)
     ]
     return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})

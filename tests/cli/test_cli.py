@@ -273,7 +273,7 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
     assert call(capsys, "leaderboard", "validate", path) == (0, "1 of 1 entries are valid.\n", "")
     _, shown, _ = call(capsys, "leaderboard", "show", "--home", home, "--format", "md")
     assert "| ppo | 5 |" in shown
-    assert "ppo: reproduced; Ada L.; https://example.org" in shown
+    assert "ppo: reproduced, recorded; Ada L.; https://example.org" in shown
     assert call(capsys, "leaderboard", "show", "grid-7x7", "--home", home, "--format", "md")[1] == shown
 
     for against in (home / "grid-7x7", path):
