@@ -13,7 +13,7 @@ BENCH_READY := $(VENV)/.bench-ready
 NAVIX_READY := $(VENV)-navix/.ready
 PIP := PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
-.PHONY: run test test-long test-upstream lint types bench setup clean
+.PHONY: run test test-long test-upstream lint types docs bench setup clean
 
 setup: $(READY)
 
@@ -47,6 +47,9 @@ lint: setup
 
 types: setup
 	$(BIN)/mypy
+
+docs: setup ## The site, into build/site; a warning is an error.
+	$(BIN)/python docs/site/build.py build/site
 
 bench: $(BENCH_READY) $(NAVIX_READY) ## Speed as ratios, measured side by side; leave the machine alone meanwhile.
 	$(BIN)/python -m benchmarks

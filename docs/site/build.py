@@ -1,0 +1,175 @@
+"""Build the site: `python docs/site/build.py build/site`.
+
+The site has the structure of the repository, so that every link between pages works here as on GitHub. This program
+copies the pages and what they show into a folder, writes the pages that come from code (commands, Python, and
+environments), adds the table of contents, and calls Sphinx. Warnings are errors.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import typer
+from sphinx.cmd.build import build_main
+
+import sprl_bench
+from sprl_bench.cli.app import app
+from sprl_bench.envs.fetch.fetch_env import FlatFetch, GoalFetch
+from sprl_bench.envs.grid.four_rooms import FourRooms
+from sprl_bench.envs.grid.key_doors import KeyDoors
+
+ROOT: Final = Path(__file__).resolve().parents[2]
+HERE: Final = Path(__file__).resolve().parent
+LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
+CONTENTS: Final = {
+    "Guide": ("Start <README>", "docs/environments", "docs/recording", "docs/experiments", "docs/scores"),
+    "Results": ("docs/results", "docs/speed", "docs/theory", "leaderboards/README"),
+    "Reference": (
+        "generated/environments",
+        "generated/commands",
+        "generated/python",
+        "baselines/README",
+        "docs/hyperparameters",
+    ),
+    "Project": ("CONTRIBUTING", "CHANGELOG", "notes/README"),
+}
+
+
+def main(target: Path) -> int:
+    """Build the site into `target`, and return Sphinx's exit status."""
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder)
+        stage(source)
+        return build_main(["-W", "--keep-going", "-q", "-b", "html", str(source), str(target)])
+
+
+def stage(source: Path) -> None:
+    """Lay the site's sources into a folder."""
+    shutil.copy(HERE / "conf.py", source)
+    for page in _pages():
+        _copy(page, source)
+    generated = source / "generated"
+    generated.mkdir()
+    (generated / "commands.md").write_text("\n".join(_commands()), encoding="utf-8")
+    (generated / "python.md").write_text("\n".join(_python()), encoding="utf-8")
+    (generated / "environments.md").write_text("\n".join(_environments()), encoding="utf-8")
+    index = (HERE / "index.md").read_text(encoding="utf-8")
+    (source / "index.md").write_text("\n".join((index, *_contents(CONTENTS))), encoding="utf-8")
+    with (source / "notes" / "README.md").open("a", encoding="utf-8") as notes:
+        notes.write("\n".join(("", *_contents({"": _notes()}))))
+
+
+def _pages() -> list[Path]:
+    """Return all pages of the repository, relative to its root."""
+    found = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "notes").rglob("*.md")]
+    found += [ROOT / "baselines" / "README.md", ROOT / "leaderboards" / "README.md"]
+    return sorted(path.relative_to(ROOT) for path in found)
+
+
+def _notes() -> list[str]:
+    """Return the pages of the folder `notes` but its first, relative to it."""
+    found = (page.relative_to("notes") for page in _pages() if page.parts[0] == "notes")
+    return [str(page.with_suffix("")) for page in found if page.name != "README.md"]
+
+
+def _copy(page: Path, source: Path) -> None:
+    """Copy a page and the files that it links to."""
+    folder = (ROOT / page).parent
+    text = LINK.sub(lambda link: _linked(link, folder, source), (ROOT / page).read_text(encoding="utf-8"))
+    (source / page).parent.mkdir(parents=True, exist_ok=True)
+    (source / page).write_text(text, encoding="utf-8")
+
+
+def _linked(link: re.Match[str], folder: Path, source: Path) -> str:
+    """Return a link for the site: to a folder's page instead of the folder, or its text alone if there is no page."""
+    linked = folder / link["target"]
+    if "://" in link["target"] or not linked.exists():
+        return link[0]
+    if linked.is_dir():
+        page = f"{link['target'].rstrip('/')}/README.md"
+        return f"[{link['text']}]({page})" if (folder / page).exists() else link["text"]
+    if linked.suffix != ".md":
+        _put(linked.resolve().relative_to(ROOT), source)
+    return link[0]
+
+
+def _put(file: Path, source: Path) -> None:
+    (source / file).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(ROOT / file, source / file)
+
+
+def _contents(parts: dict[str, Any]) -> Iterator[str]:
+    """Yield a hidden table of contents for each part of the site; the part without a name is not shown beside pages."""
+    for name, pages in parts.items():
+        yield "```{toctree}"
+        yield ":hidden:"
+        yield f":caption: {name}" if name else ":maxdepth: 1"
+        yield ""
+        yield from pages
+        yield "```\n"
+
+
+# --------------------------------------------------------------------------- pages from code
+
+
+def _commands() -> Iterator[str]:
+    """Yield the help of every command."""
+    yield "# Commands\n"
+    yield "Everything that a command does is one public function away: [Python](python.md).\n"
+    yield from _help_of(typer.main.get_command(app), ("sprl-bench",))
+
+
+def _help_of(command: Any, names: tuple[str, ...]) -> Iterator[str]:
+    subcommands = getattr(command, "commands", {})
+    if not subcommands:
+        context = command.context_class(command, info_name=" ".join(names), terminal_width=100, max_content_width=100)
+        yield f"## {' '.join(names)}\n\n```text\n{command.get_help(context)}\n```\n"
+    for name, subcommand in subcommands.items():
+        yield from _help_of(subcommand, (*names, name))
+
+
+def _python() -> Iterator[str]:
+    """Yield the public names, room by room."""
+    yield "# Python\n"
+    yield "`import sprl_bench` registers the environments. The names below can be imported from `sprl_bench`.\n"
+    for name in sprl_bench.__all__:
+        value = getattr(sprl_bench, name)
+        directive, option = _directive(value)
+        yield _documented(name, directive, f"sprl_bench.{name}", option)
+    yield _documented("The data frames", "automodule", "sprl_bench.frames", ":members:")
+
+
+def _documented(title: str, directive: str, name: str, option: str) -> str:
+    return f"## {title}\n\n```{{eval-rst}}\n.. {directive}:: {name}\n   {option}\n```\n"
+
+
+def _directive(value: Any) -> tuple[str, str]:
+    """Return the directive that documents a value, and its option."""
+    if not callable(value):
+        return "autodata", ":no-value:"
+    if not inspect.isclass(value):
+        return "autofunction", ""
+    return "autoclass", "" if hasattr(value, "model_fields") else ":members:"
+
+
+def _environments() -> Iterator[str]:
+    """Yield the docstring of each family of environments."""
+    yield "# Environments in detail\n"
+    for family in (FourRooms, KeyDoors, FlatFetch, GoalFetch):
+        yield f"## {family.__name__}\n\n{_deeper(inspect.cleandoc(family.__doc__ or ''))}\n"
+
+
+def _deeper(text: str) -> str:
+    """Return Markdown with its headings one level lower."""
+    return re.sub(r"^#(?=#* )", "##", text, flags=re.MULTILINE)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

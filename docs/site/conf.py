@@ -1,0 +1,32 @@
+"""Sphinx's settings for the site; `make docs` builds it from the pages that GitHub shows, and from the code."""
+
+from __future__ import annotations
+
+from importlib.metadata import version as version_of
+
+project = "sprl-bench"
+author = "The sprl-bench maintainers"
+project_copyright = "the sprl-bench maintainers; MIT license"
+release = version_of("sprl-bench")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
+source_suffix = {".md": "markdown"}
+root_doc = "index"
+exclude_patterns = ["**/README.assets"]
+
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence"]
+
+default_role = "literal"  # docstrings are Markdown: `name`
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_preserve_defaults = True
+add_module_names = False
+napoleon_numpy_docstring = False
+
+html_theme = "furo"
+html_title = "sprl-bench"
+html_static_path: list[str] = []
+html_copy_source = False
+html_show_sourcelink = False
+html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
