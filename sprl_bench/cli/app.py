@@ -92,6 +92,8 @@ def _call(words: Sequence[str]) -> int:
         return _complain(error.format_message(), MISUSED)
     except typer.Abort:
         return _complain("Aborted.", FAILED)
+    if status == INTERRUPTED:  # the parser has turned the KeyboardInterrupt into it
+        raise KeyboardInterrupt
     return status if isinstance(status, int) else 0
 
 

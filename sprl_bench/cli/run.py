@@ -41,6 +41,9 @@ def run(
     ] = None,
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
+    cores: Annotated[int, typer.Option(min=0, help="Cores of each run on a cluster; 0 for one a thread.")] = 0,
+    gpu_share: Annotated[float, typer.Option(help="Share of a GPU of each run on a cluster.")] = 1.0,
+    memory_gib: Annotated[float, typer.Option(min=0, help="Memory of each run on a cluster; 0 to ask for none.")] = 0,
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
     log: Annotated[
         str, typer.Option(help="Where diagnostics go, too: tensorboard, or your own as package.module:factory.")
@@ -53,7 +56,7 @@ def run(
     ] = None,
 ) -> int:
     """Train agents on a suite; the same command again continues where it stopped."""
-    from sprl_bench.executors import make_executor
+    from sprl_bench.executors import Resources, make_executor
     from sprl_bench.leaderboard import find_pending, split_known
     from sprl_bench.progress import make_observer
     from sprl_bench.sinks import find_sink
@@ -73,7 +76,7 @@ def run(
         overrides=parse_settings(setting or ()),
         device=device,
     )
-    works = make_executor(executor, workers)
+    works = make_executor(executor, workers, Resources(cores, gpu_share, memory_gib))
     if executor == "local":  # the nodes of a cluster may have other devices
         require_device(device)
     left, found = split_known(specs, find_pending(known)) if known else (specs, [])

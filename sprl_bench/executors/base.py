@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 from sprl_bench.records import RunSpec
@@ -20,6 +21,29 @@ THREAD_POOLS: Final = (
 )
 
 
+@dataclass(frozen=True)
+class Resources:
+    """What one run asks of a cluster.
+
+    Attributes:
+        cores: CPU cores; 0 for one for each of its threads.
+        gpu_share: Share of a GPU, if it computes on one.
+        memory_gib: GiB of memory; 0 to ask for none.
+    """
+
+    cores: int = 0
+    gpu_share: float = 1.0
+    memory_gib: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.cores < 0:
+            raise ValueError(f"cores is {self.cores}; it must be at least 0 (0: one a thread).")
+        if not 0 < self.gpu_share <= 1:
+            raise ValueError(f"gpu_share is {self.gpu_share}; it must be above 0 and at most 1.")
+        if self.memory_gib < 0:
+            raise ValueError(f"memory_gib is {self.memory_gib}; it must be at least 0 (0: any).")
+
+
 class WorkerDiedError(RuntimeError):
     """A worker ended without a result: killed, out of memory, or crashed in compiled code."""
 
@@ -29,10 +53,11 @@ class Executor(ABC):
 
     Args:
         workers: How many calls at once; 0 for no limit.
+        resources: Of each call, on a cluster.
     """
 
-    def __init__(self, workers: int = 0) -> None:
-        self.workers = workers
+    def __init__(self, workers: int = 0, resources: Resources = Resources()) -> None:
+        self.workers, self.resources = workers, resources
 
     def map(
         self, function: Callable[[RunSpec], Result], specs: Sequence[RunSpec]

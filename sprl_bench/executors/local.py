@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Any, Final
 
-from sprl_bench.executors.base import Executor, WorkerDiedError, worker_environment
+from sprl_bench.executors.base import Executor, Resources, WorkerDiedError, worker_environment
 from sprl_bench.records import RunSpec
 
 POLL_S: Final = 1.0  # seconds between two looks at what has ended
@@ -23,7 +23,9 @@ PATIENCE_S: Final = 120.0  # with a worker that was asked to stop: one update an
 class LocalExecutor(Executor):
     """A fresh process for each run: no run sees the state of another, or ends with it."""
 
-    def __init__(self, workers: int = 0) -> None:
+    def __init__(self, workers: int = 0, resources: Resources = Resources()) -> None:  # noqa: B008 - it is frozen
+        if resources != Resources():
+            raise ValueError("executor is 'local'; it must be 'ray' or 'slurm' for resources of each run.")
         super().__init__(workers or len(os.sched_getaffinity(0)))
 
     def _start(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> _Worker:

@@ -67,6 +67,7 @@ def run_suite(
         SpecChangedError: There are results under the same name with another spec. No run was started.
         InvalidFileError: A file there is broken. No run was started.
     """
+    out = out.absolute()  # workers may have another working directory
     _refuse_changes(specs, out)
     _warn_of_width(specs)
     waiting = [spec for spec in specs if find_finished(spec.path(out), spec) is None]
