@@ -29,7 +29,15 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 HERE: Final = Path(__file__).resolve().parent
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
 CONTENTS: Final = {
-    "Guide": ("Start <README>", "docs/environments", "docs/recording", "docs/experiments", "docs/scores"),
+    "Guide": (
+        "Start <README>",
+        "docs/environments",
+        "docs/recording",
+        "docs/experiments",
+        "docs/clusters",
+        "docs/scores",
+        "docs/trust",
+    ),
     "Results": ("docs/results", "docs/speed", "docs/theory", "leaderboards/README"),
     "Reference": (
         "generated/environments",
