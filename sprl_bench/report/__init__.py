@@ -1,4 +1,4 @@
-"""A page to look at: one file with tables and charts that needs no network, or the same page served while runs go on."""
+"""A page to look at: one file that needs no network, or the same page served while runs go on."""
 
 from __future__ import annotations
 

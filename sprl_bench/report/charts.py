@@ -60,7 +60,6 @@ def _base(*names: str) -> Spec:
     return {
         "$schema": SCHEMA,
         "width": "container",
-        "autosize": {"type": "fit-x", "contains": "padding"},
         "background": None,
         "datasets": {name: [] for name in names},
         "params": [{"name": "highlight", "value": ""}],
@@ -97,7 +96,7 @@ def _lines(encode: Spec, x: Spec, axis: Spec, x_name: str) -> Spec:
         "encoding": {"x": x, "y": _y("low", axis), "y2": {"field": "high"}, "color": encode["color"]},
     }
     runs = {
-        "mark": {"type": "line", "strokeWidth": 0.7, "opacity": 0.4, "aria": False},
+        "mark": {"type": "line", "strokeWidth": 0.6, "opacity": 0.3, "aria": False},
         "data": {"name": "runs"},
         "encoding": {"x": x, "y": _y("y", axis), "detail": {"field": "run", "type": "nominal"}, **encode},
     }

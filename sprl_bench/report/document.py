@@ -21,6 +21,7 @@ from sprl_bench.durations import duration
 from sprl_bench.records import write_bytes
 from sprl_bench.report.content import Content, content_of
 from sprl_bench.report.source import Source
+from sprl_bench.tables.comparable import short_commits
 
 ASSETS: Final = Path(__file__).parent / "assets"
 SCRIPTS: Final = ("vega.min.js", "vega-lite.min.js", "vega-embed.min.js", "report.js")
@@ -60,7 +61,7 @@ def _template() -> Template:
         trim_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"duration": _duration, "names": _names}
+    environment.filters |= {"duration": _duration, "names": _names, "short": short_commits}
     return environment.get_template("report.html.jinja")
 
 

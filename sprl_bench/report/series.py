@@ -134,7 +134,9 @@ def metrics_of(logged: Sequence[Logged]) -> dict[str, Any]:
     The result holds `names`; `panels`, pairs of suite and task; `bins`; `means_only`, whether single runs are left out;
     and `lines`, one for each metric, panel and agent that has it.
     """
-    names = sorted({name for _, lines in logged for line in lines for name in line if _is_number(line[name])} - {*CLOCK})
+    names = sorted(
+        {name for _, lines in logged for line in lines for name in line if _is_number(line[name])} - {*CLOCK}
+    )
     panels = sorted({(spec.suite, spec.task.name) for spec, _ in logged})
     budgets = {(spec.suite, spec.task.name): spec.task.budget for spec, _ in logged}
     groups: dict[tuple[int, str], list[Logged]] = defaultdict(list)

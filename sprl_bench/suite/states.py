@@ -58,9 +58,7 @@ def survey(out: Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunS
     root = _normal(out)
     folders = {path.parent for name in (SPEC, RECORD) for path in root.rglob(name)}
     finished = {_normal(folder): record for folder, record in known if record.status == "complete"}
-    return [
-        _finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)
-    ]
+    return [_finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)]
 
 
 def _normal(folder: Path) -> Path:

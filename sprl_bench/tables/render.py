@@ -100,6 +100,7 @@ def interval_text(interval: tuple[float, float] | None) -> str:
 
 
 def footnotes(table: Table) -> list[str]:
+    """Return all sentences below a table: what its marks and numbers mean, and its notes."""
     return [
         SCORES,
         *explained((row.privileged, row.information) for row in table.rows),

@@ -3,6 +3,7 @@
 (() => {
   const one = (selector, root = document) => root.querySelector(selector);
   const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+  const MOST_SINGLE = 1000; // runs that are drawn as thin lines from the start
   const views = new Map(); // of each chart's element
   const off = new Set(); // names of agents that are switched off
   const orders = new Map(); // of each table: its column and direction
@@ -58,6 +59,8 @@
   const steps = (budget, bins) => Array.from({ length: bins }, (_, i) => (budget * (i + 1)) / bins);
   const choice = (chart, name) => one(`[data-choice="${name}"]`, chart.closest("section")).value;
 
+  const titleOf = (chart, name) => one(`[data-choice="${name}"]`, chart.closest("section")).selectedOptions[0].text;
+
   const kinds = {
     curve(chart) {
       const section = data.sections[chart.dataset.section];
@@ -102,7 +105,7 @@
         .filter((row) => column > 0 && row[0] === section.suite && row[1] === taskName && isShown(row[2]))
         .map((row) => ({ agent: row[2], x: row[column] }));
       means.sort((a, b) => b.x - a.x);
-      return { rows: { means, runs }, name: `Intervals of ${measure}`, title: measure };
+      return { rows: { means, runs }, name: `Intervals of ${measure}`, title: titleOf(chart, "measure") };
     },
     improvement(chart) {
       const section = data.sections[chart.dataset.section];
@@ -120,10 +123,13 @@
     return `${name}. ${[...last].map(([agent, value]) => `${agent}: ${value}`).join("; ") || "No agent is shown"}.`;
   }
 
+  const isUpdated = (chart) => ["curve", "profile"].includes(chart.dataset.kind); // the others are drawn anew
+
   function specOf(chart, content) {
     const spec = structuredClone(data.specs[chart.dataset.kind]);
     spec.description = described(content);
     spec.datasets = content.rows;
+    if (!isUpdated(chart)) spec.layer = spec.layer.filter((layer) => content.rows[layer.data.name]?.length !== 0);
     for (const { encoding } of spec.layer) {
       if (content.x && encoding.x?.field === "x") encoding.x.scale = { ...encoding.x.scale, domain: content.x };
       if (content.y && encoding.y) encoding.y.scale = { ...encoding.y.scale, domain: content.y };
@@ -138,10 +144,15 @@
     const content = kinds[kind](chart);
     views.get(chart)?.finalize();
     views.delete(chart);
+    if (!isUpdated(chart) && !content.rows.means.length) {
+      chart.textContent = "None of the agents that are shown has it.";
+      return;
+    }
     const { view } = await vegaEmbed(chart, specOf(chart, content), {
       actions: { export: true, source: false, compiled: false, editor: false },
       ast: true, // nothing is compiled from text, so that the page's policy may forbid it
       downloadFileName: content.name,
+      logLevel: vega.Error, // a chart as high as its rows warns that its height is not fitted
       mode: "vega-lite",
       renderer: "svg",
     });
@@ -157,18 +168,25 @@
 
   async function update(chart) {
     const view = views.get(chart);
+    if (!view || !isUpdated(chart)) return draw(chart);
     const content = kinds[chart.dataset.kind](chart);
-    const isLine = Boolean(view) && ["curve", "profile"].includes(chart.dataset.kind);
-    if (!isLine) return draw(chart);
     for (const [name, rows] of Object.entries(content.rows)) view.data(name, rows);
     view.description(described(content));
     return view.runAsync();
   }
 
+  function nearestFirst(charts) {
+    const distance = new Map(charts.map((chart) => [chart, Math.abs(chart.getBoundingClientRect().top)]));
+    return [...charts].sort((a, b) => distance.get(a) - distance.get(b));
+  }
+
   function refreshCharts(change = update, charts = all(".chart")) {
     document.body.dataset.charts = "drawing";
     settled = settled.then(async () => {
-      for (const chart of charts) if (chart.isConnected) await change(chart);
+      for (const chart of nearestFirst(charts)) {
+        if (chart.isConnected) await change(chart);
+        await new Promise((next) => setTimeout(next)); // the page answers in between
+      }
     }).catch((error) => console.error(error)).then(() => {
       document.body.dataset.charts = "drawn";
     });
@@ -361,6 +379,7 @@
     else if (!target.closest?.(".chart")) lightUp("");
   });
 
+  one("#single").checked = data.seeds.length <= MOST_SINGLE;
   if (matchMedia("(max-width: 48rem)").matches) one("#agents details").open = false;
   prepare();
   if (+document.body.dataset.refresh) setTimeout(poll, 1000 * +document.body.dataset.refresh, "");
