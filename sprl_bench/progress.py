@@ -18,6 +18,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from sprl_bench.durations import duration
 from sprl_bench.records import RunSpec
 from sprl_bench.suite import Observer, Outcome, RunState, state_of
 
@@ -29,18 +30,6 @@ def make_observer(stream: TextIO | None = None) -> Observer:
     """Return live bars if `stream` (by default the standard error) is a terminal, and plain lines if not."""
     stream = stream or sys.stderr
     return LiveProgress(Console(file=stream)) if stream.isatty() else PlainProgress(stream)
-
-
-def duration(seconds: float | None) -> str:
-    """Return seconds as "42 s", "3 min 05 s" or "2 h 10 min", or "?" if unknown."""
-    if seconds is None:
-        return "?"
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // 60} min {whole % 60:02d} s"
-    return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
 
 
 class _Overview:

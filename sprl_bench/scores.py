@@ -170,11 +170,82 @@ def difference_interval(
     return _percentiles(ours - theirs, confidence)
 
 
+def probability_of_improvement(scores: Array, reference: Array) -> float:
+    """Return how probably a run of one method scores higher than a run of another, on a task drawn at random.
+
+    A tie counts half. Agarwal et al., Deep RL at the Edge of the Statistical Precipice, 2021, section 4.3.
+
+    Args:
+        scores: [S, T].
+        reference: [S', T], the same tasks in the same order.
+    """
+    return float(_wins(scores, reference).mean())
+
+
+def improvement_interval(
+    scores: Array,
+    reference: Array,
+    generator: np.random.Generator,
+    *,
+    resamples: int = 2_000,
+    confidence: float = 0.95,
+) -> Interval | None:
+    """Return a percentile interval of the probability of improvement, resampling the seeds of both within each task.
+
+    Args:
+        scores: [S, T].
+        reference: [S', T], the same tasks in the same order; the seeds of the two are independent.
+        generator: The same generator state gives the same interval.
+        resamples: The number of bootstrap samples.
+        confidence: The probability that the interval aims to cover.
+
+    Returns:
+        The interval, or None where either side has a single seed.
+    """
+    if min(scores.shape[0], reference.shape[0]) < 2:
+        return None
+    ours = _shares(scores.shape, generator, resamples)
+    theirs = _shares(reference.shape, generator, resamples)
+    wins = np.moveaxis(_wins(scores, reference), -1, 0)  # [T, S, S']
+    return _percentiles(((ours @ wins) * theirs).sum(axis=-1).mean(axis=0), confidence)
+
+
+def _wins(scores: Array, reference: Array) -> Array:
+    """Return 1 where a run scores higher than another, 1/2 where both score the same: [S, S', T]."""
+    ours, theirs = scores[:, None], reference[None]
+    return (ours > theirs) + 0.5 * (ours == theirs)
+
+
+def _shares(shape: tuple[int, ...], generator: np.random.Generator, resamples: int) -> Array:
+    """Resample the seeds of each task; return each one's share of each sample: [T, R, S]."""
+    seeds, tasks = shape
+    chosen = generator.integers(seeds, size=(tasks * resamples, seeds)) + seeds * np.arange(tasks * resamples)[:, None]
+    return np.bincount(chosen.ravel(), minlength=chosen.size).reshape(tasks, resamples, seeds) / seeds
+
+
+def performance_profile(scores: Array, thresholds: Array) -> Array:
+    """Return the share of runs, averaged over tasks, that score more than each threshold.
+
+    Agarwal et al., 2021, section 4.2: the higher the curve, the better.
+
+    Args:
+        scores: [..., S, T].
+        thresholds: [K].
+
+    Returns:
+        [..., K].
+    """
+    above = scores[..., None] > thresholds
+    return np.asarray(above.mean(axis=-3).mean(axis=-2))
+
+
 def _resample(scores: Array, generator: np.random.Generator, resamples: int) -> Array:
     """Draw, for each task on its own, as many seeds as there are, with replacement: [R, S, T]."""
     seeds, tasks = scores.shape
     chosen = generator.integers(seeds, size=(resamples, seeds, tasks))
-    return scores[chosen, np.arange(tasks)]
+    chosen *= tasks  # places in the flat array, which are quicker to look up
+    chosen += np.arange(tasks)
+    return scores.ravel().take(chosen)
 
 
 def _percentiles(values: Array, confidence: float) -> Interval:

@@ -106,6 +106,7 @@ def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequ
             typer.echo(f"Records: {out / run_path(suite, '*', '*', '*') / RECORD}")
         typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
         typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
+        typer.echo(f"         sprl-bench report {shlex.quote(str(out))} -o report.html")
     if failed:
         print(
             f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; {ERROR} in their folders says why, and "

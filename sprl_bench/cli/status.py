@@ -28,7 +28,7 @@ def status(runs: Annotated[Path, typer.Argument(help="The folder of all runs.")]
 
 def _summary(states: Sequence[RunState]) -> list[str]:
     """Return a line for each unfinished run, and one for all."""
-    from sprl_bench.progress import duration
+    from sprl_bench.durations import duration
 
     names = [state.status for state in states]
     total = ", ".join(f"{names.count(name)} {name}" for name in dict.fromkeys((*STATUSES, *names)) if name in names)
@@ -39,7 +39,8 @@ def _summary(states: Sequence[RunState]) -> list[str]:
 
 
 def _progress(state: RunState) -> str:
-    from sprl_bench.progress import duration, learning
+    from sprl_bench.durations import duration
+    from sprl_bench.progress import learning
 
     spec = state.spec
     speed = f"{state.steps_per_second:,.0f} steps/s, {duration(state.seconds_left)} left"

@@ -1,16 +1,19 @@
 """What all pictures share: colours, sizes, the legend, and how a figure becomes a file.
 
-The colours are those of Okabe and Ito, safe for colour-blind readers; when they are used up, dashes follow. matplotlib
-is loaded when something is drawn.
+The colours are those of Okabe and Ito and two of Tol's, safe for colour-blind readers; when they are used up, dashes
+follow. An agent has the same colour in every picture. matplotlib is loaded when something is drawn.
 """
 
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
+from zlib import crc32
 
 import numpy as np
 
@@ -25,7 +28,11 @@ if TYPE_CHECKING:  # the extra `plots`
     from sprl_bench.scores import Array
 
 SUFFIXES = (".pdf", ".png", ".svg")
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#999933")
+RESERVED: Final = MappingProxyType(
+    dict(zip(("eco", "gt-grid", "gt-sprl", "icm", "ppo", "random", "sprl", "rnd", "count"), COLOURS, strict=True))
+)
+"""The reference agents have the same colour in every picture."""
 Dashes = Literal["-", "--", ":", "-."]
 DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
 COLUMNS = 4
@@ -79,16 +86,29 @@ def save(draw: Callable[[], Figure], output: Path) -> None:
 
 
 def looks_of(agents: Iterable[str]) -> dict[str, Look]:
-    """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes."""
+    """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes.
+
+    A reference agent always has the same colour. Another agent has one that follows from its name, or the next free
+    one where another agent of the picture has that.
+    """
     looks: dict[str, Look] = {}
-    families: dict[str, str] = {}
-    for agent in sorted(set(agents), key=lambda name: (_family(name) != name, name)):
-        family = _family(agent)
-        colour = families.setdefault(family, COLOURS[len(families) % len(COLOURS)])
+    colours = _colours_of(map(_family, agents := sorted(set(agents))))
+    for agent in sorted(agents, key=lambda name: (_family(name) != name, name)):
+        colour = colours[_family(agent)]
         wanted = [Look(colour, dashes) for dashes in DASHES]
         others = [Look(other, dashes) for dashes in DASHES for other in COLOURS]
         looks[agent] = next((look for look in (*wanted, *others) if look not in looks.values()), wanted[0])
     return dict(sorted(looks.items()))
+
+
+def _colours_of(families: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each family, each used as rarely as possible."""
+    found: dict[str, str] = {}
+    for family in sorted(set(families), key=lambda name: (name not in RESERVED, name)):
+        start = COLOURS.index(RESERVED[family]) if family in RESERVED else crc32(family.encode()) % len(COLOURS)
+        used = Counter(found.values())
+        found[family] = min((*COLOURS[start:], *COLOURS[:start]), key=lambda colour: used[colour])
+    return found
 
 
 def _family(agent: str) -> str:

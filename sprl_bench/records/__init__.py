@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sprl_bench.records.diagnostics import find_metrics
+from sprl_bench.records.diagnostics import find_metrics, read_metrics
 from sprl_bench.records.files import Data, InvalidFileError, locate, read, write, write_bytes
 from sprl_bench.records.types import (
     Hardware,
@@ -35,6 +35,7 @@ __all__ = [
     "hyperparameters_hash",
     "locate",
     "read",
+    "read_metrics",
     "write",
     "write_bytes",
 ]

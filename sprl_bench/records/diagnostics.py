@@ -24,6 +24,15 @@ def find_metrics(root: Path) -> list[tuple[RunSpec, list[dict[str, Any]]]]:
     return [(spec, lines) for spec, lines in found if lines]
 
 
+def read_metrics(folder: Path) -> list[dict[str, Any]]:
+    """Return the whole lines of diagnostics in a run's folder; none if there is no such file.
+
+    Raises:
+        InvalidFileError: The file is broken.
+    """
+    return _lines(folder / METRICS) if (folder / METRICS).exists() else []
+
+
 def _spec_in(folder: Path) -> RunSpec:
     return read(folder / SPEC, RunSpec) if (folder / SPEC).exists() else read(folder / RECORD, RunRecord).spec
 

@@ -21,12 +21,26 @@ def find_line(text: str, place: Place) -> int:
 
 def find_duplicate(text: str) -> Place | None:
     """Return the first place that has two values in a valid JSON text, or None."""
+    if not _has_duplicate(text):
+        return None
     seen: set[Place] = set()
     for place, _ in values(text):
         if place in seen:
             return place
         seen.add(place)
     return None
+
+
+def _has_duplicate(text: str) -> bool:
+    """Return whether any object in a valid JSON text has a key twice; much faster than finding the place."""
+    found = False
+
+    def check(pairs: list[tuple[str, object]]) -> None:
+        nonlocal found
+        found = found or len(dict(pairs)) < len(pairs)
+
+    json.loads(text, object_pairs_hook=check)
+    return found
 
 
 def values(text: str) -> Iterator[tuple[Place, int]]:

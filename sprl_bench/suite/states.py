@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -41,8 +41,13 @@ class RunState:
     success: float | None = None
 
 
-def survey(out: Path) -> list[RunState]:
+def survey(out: Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunState]:
     """Return the state of every run below `out`, in the order of their paths.
+
+    Args:
+        out: The folder of all runs.
+        known: Folders and records that are read already, as `find_recorded` returns them; finished ones are not read
+            again.
 
     Raises:
         FileNotFoundError: There is no such folder.
@@ -50,9 +55,20 @@ def survey(out: Path) -> list[RunState]:
     """
     if not out.exists():
         raise FileNotFoundError(f"{out} does not exist.")
-    root = Path(os.path.normpath(out.absolute()))  # so that a path like ".." has parents too
+    root = _normal(out)
     folders = {path.parent for name in (SPEC, RECORD) for path in root.rglob(name)}
-    return [_state(folder) for folder in sorted(folders)]
+    finished = {_normal(folder): record for folder, record in known if record.status == "complete"}
+    return [_finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)]
+
+
+def _normal(folder: Path) -> Path:
+    """Return an absolute path, so that one like ".." has parents too."""
+    return Path(os.path.normpath(folder.absolute()))
+
+
+def _finished(folder: Path, record: RunRecord) -> RunState:
+    _check_place(folder, record.spec)
+    return RunState(record.spec, "finished", record.totals.env_steps, 0.0, 0.0)
 
 
 def state_of(spec: RunSpec, out: Path) -> RunState:
@@ -76,10 +92,14 @@ def state_of(spec: RunSpec, out: Path) -> RunState:
 def _state(folder: Path) -> RunState:
     written = folder / SPEC
     spec = read(written, RunSpec) if written.exists() else read(folder / RECORD, RunRecord).spec
+    _check_place(folder, spec)
+    return state_of(spec, folder.parents[len(spec.path(Path()).parts) - 1])
+
+
+def _check_place(folder: Path, spec: RunSpec) -> None:
     place = spec.path(Path())
     if folder.parts[-len(place.parts) :] != place.parts:
         raise InvalidFileError(f"{folder} holds the run that belongs in {place}; move it there, or remove it.")
-    return state_of(spec, folder.parents[len(place.parts) - 1])
 
 
 def _recent(lines: Sequence[Mapping[str, Any]]) -> tuple[float | None, float | None]:

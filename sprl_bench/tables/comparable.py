@@ -151,8 +151,12 @@ def _build_notes(results: Sequence[Result]) -> list[str]:
 
 
 def _build(result: Result) -> str:
-    """Return the commits in short form, as in "0123456789-dirty"."""
-    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", ", ".join(result.git_commits)) or "no checkout"
+    return short_commits(", ".join(result.git_commits)) or "no checkout"
+
+
+def short_commits(text: str) -> str:
+    """Return the commits in a text in short form, as in "0123456789-dirty"."""
+    return re.sub(r"([0-9a-f]{10})[0-9a-f]{30}", r"\1", text)
 
 
 def _code_notes(results: Sequence[Result]) -> list[str]:

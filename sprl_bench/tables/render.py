@@ -54,7 +54,7 @@ def _grid(table: Table, *, trends: bool) -> Grid:
         title=f"Suite {table.suite}, version {table.suite_version}",
         header=["Agent", "Seeds", *table.tasks, "Mean AUC", "IQM", "Final", "Success"],
         rows=[_texts(row, trends=trends) for row in table.rows],
-        footnotes=[*([TRENDS] if trends else []), *_footnotes(table)],
+        footnotes=[*([TRENDS] if trends else []), *footnotes(table)],
     )
 
 
@@ -99,7 +99,8 @@ def interval_text(interval: tuple[float, float] | None) -> str:
     return DASH if interval is None else f"[{number(interval[0])}, {number(interval[1])}]"
 
 
-def _footnotes(table: Table) -> list[str]:
+def footnotes(table: Table) -> list[str]:
+    """Return all sentences below a table: what its marks and numbers mean, and its notes."""
     return [
         SCORES,
         *explained((row.privileged, row.information) for row in table.rows),

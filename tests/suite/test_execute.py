@@ -20,8 +20,9 @@ from rich.console import Console
 
 import sprl_bench
 from sprl_bench import run as running
+from sprl_bench.durations import duration
 from sprl_bench.executors import LocalExecutor, WorkerDiedError, make_executor
-from sprl_bench.progress import LiveProgress, PlainProgress, duration, make_observer
+from sprl_bench.progress import LiveProgress, PlainProgress, make_observer
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.folder import LockedError, is_locked, lock
 from sprl_bench.resume import SpecChangedError

@@ -1,0 +1,117 @@
+"""The commands that make a page to look at, and that serve it while runs go on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from sprl_bench.cli.leaderboard import BOARD
+
+if TYPE_CHECKING:  # loaded when a command needs them
+    from sprl_bench.report import Progress, Source
+    from sprl_bench.report.source import Logged
+    from sprl_bench.suite import RunState
+
+MOST_LOGGED: Final = 500  # runs whose diagnostics are read
+
+Against = Annotated[Path | None, typer.Option(help=f"Show runs beside a board. {BOARD}")]
+
+
+def report(
+    source: Annotated[Path, typer.Argument(help=f"A folder with runs; or a board. {BOARD}")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The .html file.")] = Path("report.html"),
+    against: Against = None,
+) -> None:
+    """Make one page with tables, charts and provenance that opens without a network."""
+    from sprl_bench.report import write_report
+
+    if output.suffix.lower() not in (".html", ".htm") and output.parent != Path("/dev"):
+        raise ValueError(f"output is {str(output)!r}; it must end in .html.")
+    write_report(_source(source, against), output)
+    typer.echo(f"Wrote {output}.", err=True)
+
+
+def watch(
+    runs: Annotated[Path, typer.Argument(help="A folder with runs; it may fill up later.")],
+    host: Annotated[str, typer.Option(help="The address to listen at; others than yours may read the page.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="0 for a free one.")] = 8000,
+    every: Annotated[float, typer.Option(min=1, help="Seconds between two looks at the runs.")] = 5,
+    against: Against = None,
+) -> None:
+    """Serve the report of runs, and refresh it while they go on."""
+    from sprl_bench.report import make_server, render_report
+
+    server = make_server(
+        lambda: render_report(_of_runs(runs, against), refresh_s=every), host=host, port=port, every_s=every
+    )
+    shown, number = server.server_address[:2]
+    typer.echo(f"Open http://{shown!s}:{number}/ in a browser; Ctrl-C ends it.", err=True)
+    with server:
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("Ended.", err=True)
+
+
+def _source(source: Path, against: Path | None) -> Source:
+    """Return the report's source: of runs if the folder has any, else of a board."""
+    from sprl_bench import leaderboard
+    from sprl_bench.records.folder import RECORD, SPEC
+    from sprl_bench.report import of_board
+
+    if any(path for name in (SPEC, RECORD) for path in source.rglob(name)):
+        return _of_runs(source, against)
+    if source.is_dir() and not any(source.rglob("*.json")):
+        raise FileNotFoundError(f"There are no runs in {source}.")
+    if against:
+        raise ValueError(f"against is {str(against)!r}; it must be left out where the report is of a board.")
+    return of_board(source.stem if source.is_file() else source.name, leaderboard.find_board(source))
+
+
+def _of_runs(runs: Path, against: Path | None) -> Source:
+    from sprl_bench.leaderboard import find_board
+    from sprl_bench.records import find_recorded
+    from sprl_bench.report import of_runs
+    from sprl_bench.suite import survey
+
+    recorded = find_recorded(runs)
+    states = survey(runs, recorded)
+    if not states:
+        raise FileNotFoundError(f"There are no runs in {runs}.")
+    logged, notes = _logged(runs, states)
+    return of_runs(
+        runs.resolve().name,
+        [record for _, record in recorded],
+        [_progress(runs, state) for state in states],
+        logged=logged,
+        entries=find_board(against) if against else (),
+        notes=notes,
+    )
+
+
+def _progress(runs: Path, state: RunState) -> Progress:
+    """Return the progress of a run with the last line of its error, if it failed."""
+    from sprl_bench.records.folder import ERROR
+    from sprl_bench.report import Progress
+
+    path = state.spec.path(runs) / ERROR
+    text = path.read_text(encoding="utf-8", errors="replace") if state.status == "failed" and path.exists() else ""
+    last = (text.strip().splitlines() or [""])[-1]
+    return Progress(state.spec, state.status, state.env_steps, state.seconds_left, last[:300])
+
+
+def _logged(runs: Path, states: Sequence[RunState]) -> tuple[list[Logged], list[str]]:
+    """Return the diagnostics of runs, of the first seeds if there are very many, and a note on that."""
+    from sprl_bench.records import read_metrics
+
+    ordered = sorted(states, key=lambda state: state.spec.seed)
+    lines = [(state.spec, read_metrics(state.spec.path(runs))) for state in ordered[:MOST_LOGGED]]
+    found = [(spec, of_run) for spec, of_run in lines if of_run]
+    left_out = len(states) - len(lines)
+    note = f"What agents logged is shown of {len(lines)} of {len(states)} runs, those with the lowest seeds."
+    return found, [note] if left_out and found else []

@@ -1,0 +1,199 @@
+"""The report in a real browser, opened from disk without a network."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sprl_bench.records import RunRecord
+from sprl_bench.report import Progress, of_runs, write_report
+
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+CHROMIUM = shutil.which("chromium")
+AXE = Path(os.environ.get("AXE", "axe.min.js"))
+HOSTILE = ("a & b 'c'", "אבג דהו", "m" * 150)
+ATTACK = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
+MakeRecord = Callable[..., RunRecord]
+
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+        started = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def report(make_record: MakeRecord, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five agents, one of them privileged, three with hostile names, on two tasks."""
+    agents = {"ppo": 0.3, "gt-grid": 0.8, **{name: 0.1 * n for n, name in enumerate(HOSTILE, 4)}}
+    records = [
+        make_record(
+            agent,
+            task,
+            seed,
+            suite="grid-7x7",
+            curve=np.linspace(0, level + 0.02 * seed, 100),
+            privileged=agent == "gt-grid",
+            hyperparameters={ATTACK: ATTACK},
+            git_commit=ATTACK,
+        )
+        for agent, level in agents.items()
+        for task in ("FourRooms-7x7", "KeyDoors-7x7")
+        for seed in range(3)
+    ]
+    steps = [{"env_steps": n, "wall_time_s": 1.0, "return": 0.1, ATTACK: n / 7} for n in range(5_000, 500_000, 5_000)]
+    failed = Progress(make_record("ppo", seed=9, suite="grid-7x7").spec, "failed", 10, None, ATTACK)
+    source = of_runs(ATTACK, records, [failed], logged=[(records[0].spec, steps)], notes=[ATTACK])
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(source, path)
+    return path
+
+
+@pytest.fixture(scope="module", params=[(1280, 900, "light"), (390, 844, "dark")], ids=["desktop", "phone"])
+def page(request: pytest.FixtureRequest, browser: Any, report: Path) -> Iterator[Any]:
+    width, height, scheme = request.param
+    context = browser.new_context(
+        viewport={"width": width, "height": height}, color_scheme=scheme, offline=True, accept_downloads=True
+    )
+    opened = context.new_page()
+    complaints: list[str] = []
+    opened.on("console", lambda message: complaints.append(message.text))
+    opened.on("pageerror", lambda error: complaints.append(str(error)))
+    opened.on("request", lambda sent: complaints.append(sent.url) if sent.url.startswith("http") else None)
+    opened.goto(report.as_uri())
+    drawn(opened)
+    yield opened
+    context.close()
+    assert complaints == []
+
+
+def drawn(page: Any) -> None:
+    page.wait_for_selector("body[data-charts=drawn]", timeout=60_000)
+
+
+def agents_in(page: Any) -> list[str]:
+    names: list[str] = page.locator("#scores-0 tbody tr:visible th").all_inner_texts()
+    return [name.removesuffix("‡").strip() for name in names]
+
+
+def switch(page: Any, name: str) -> None:
+    if not page.locator("#agents details").get_attribute("open") is not None:
+        page.locator("#agents summary").first.click()
+    page.get_by_label(name, exact=False).first.click()
+    drawn(page)
+
+
+def test_hostile_text_is_text(page: Any) -> None:
+    assert "owned" not in page.title().replace(ATTACK, "")
+    assert page.locator("h1").inner_text() == ATTACK
+    assert set(HOSTILE) <= set(agents_in(page))
+    assert page.locator("img").count() == 0
+    assert page.locator(".warning").first.inner_text() == ATTACK
+
+
+def test_the_page_is_no_wider_than_the_screen(page: Any) -> None:
+    wide = "[...document.querySelectorAll('main > * > *, nav *, header *')]"
+    wide += ".filter(element => element.getBoundingClientRect().right > innerWidth)"
+    assert page.evaluate(f"{wide}.map(e => e.outerHTML.slice(0, 100))") == []
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_every_chart_is_drawn(page: Any) -> None:
+    assert page.locator(".chart").count() == page.locator(".chart svg.marks").count() == 6
+    assert "ppo" in page.locator(".chart [role=graphics-document]").first.get_attribute("aria-label")
+
+
+def test_headings_sort(page: Any) -> None:
+    assert agents_in(page)[0] == "gt-grid †"
+    head = page.locator("#scores-0 thead th", has_text="Mean AUC")
+    assert head.get_attribute("aria-sort") == "descending"
+    head.locator("button").focus()
+    page.keyboard.press("Enter")
+    assert head.get_attribute("aria-sort") == "ascending"
+    assert agents_in(page)[0] == "ppo"
+    assert page.locator("#scores-0 thead th[aria-sort=none]").count() == 7
+
+
+def test_an_agent_is_switched_off_in_the_table_and_the_charts(page: Any) -> None:
+    lines = page.locator("[data-kind=curve] >> nth=0").locator(".mark-line.layer_2_marks path, .layer_2_pathgroup path")
+    before = lines.count()
+    switch(page, "ppo")
+    assert "ppo" not in agents_in(page)
+    assert lines.count() * 5 == before * 4
+    assert "ppo" not in page.locator(".chart [role=graphics-document]").first.get_attribute("aria-label")
+    switch(page, "ppo")
+    assert lines.count() == before
+
+
+def test_one_switch_leaves_ordinary_agents_only(page: Any) -> None:
+    switch(page, "Ordinary agents only")
+    assert "gt-grid †" not in agents_in(page)
+    assert "ppo" in agents_in(page)
+    switch(page, "Ordinary agents only")
+    assert "gt-grid †" in agents_in(page)
+
+
+def test_a_pointer_on_a_curve_lights_its_agent_up_everywhere(page: Any) -> None:
+    chart = page.locator("[data-kind=curve] svg.marks").first
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.95, box["y"] + box["height"] * 0.2)
+    page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + box["height"] * 0.22)
+    page.wait_for_selector("tr.lit", state="attached")
+    assert page.locator("#scores-0 tr.lit th").inner_text().strip() == "gt-grid †"
+    assert page.locator("#vg-tooltip-element").inner_text().startswith("Agent")
+    faint = page.locator("[data-kind=curve] >> nth=1").locator("path[opacity='0.12']")
+    page.wait_for_function("document.querySelectorAll('[data-kind=curve] path[opacity=\"0.12\"]').length > 1")
+    assert faint.count() > 0
+
+
+def test_scores_and_references_can_be_chosen(page: Any) -> None:
+    page.locator("[data-choice=measure]").select_option("final")
+    drawn(page)
+    assert "final" in page.locator("[data-kind=interval] [role=graphics-document]").get_attribute("aria-label")
+    page.locator("[data-choice=reference]").select_option(label="ppo")
+    drawn(page)
+    assert "over ppo" in page.locator("[data-kind=improvement] [role=graphics-document]").get_attribute("aria-label")
+
+
+def test_seeds_are_listed_and_downloaded(page: Any, tmp_path: Path) -> None:
+    page.locator("#seeds summary").click()
+    page.wait_for_selector("#seeds tbody tr")
+    assert page.locator("#seeds tbody tr").count() == 30
+    with page.expect_download() as caught:
+        page.locator("[data-download=seeds]").click()
+    caught.value.save_as(tmp_path / "seeds.csv")
+    lines = (tmp_path / "seeds.csv").read_text().splitlines()
+    assert lines[0].startswith("suite,task,agent,seed,auc")
+    assert len(lines) == 31
+
+
+def test_axe_finds_no_serious_fault(page: Any) -> None:
+    if not AXE.exists():
+        pytest.skip("axe-core is not there; AXE must name its axe.min.js")
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    found = page.evaluate("axe.run()")
+    bad = [
+        (fault["id"], [node["html"][:200] for node in fault["nodes"][:3]])
+        for fault in found["violations"]
+        if fault["impact"] in ("serious", "critical")
+    ]
+    assert bad == []
+
+
+def test_pictures_of_the_page_are_kept(page: Any) -> None:
+    folder = Path(os.environ.get("SCREENSHOTS", "")) if os.environ.get("SCREENSHOTS") else None
+    width = page.viewport_size["width"]
+    taken = page.screenshot(path=folder / f"report-{width}.png" if folder else None, full_page=True)
+    assert len(taken) > 50_000
