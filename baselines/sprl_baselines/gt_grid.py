@@ -36,9 +36,7 @@ class GTGridConfig(Config):
     """Hyperparameters of GT-Grid."""
 
     bonus_weight: Weight = 0.01  # reward for the first visit of a cell in its episode (Table 1)
-    cube_size: Positive = (
-        0.05  # edge of a cell: on Fetch in metres (our choice; the goal's tolerance), in mazes in units
-    )
+    cube_size: Positive = 0.05  # edge of a cell: metres on Fetch (ours: the goal's tolerance), units in mazes
 
 
 class GTGrid:
