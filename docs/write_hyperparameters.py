@@ -33,8 +33,8 @@ table for the domain. A preset changes some of the defaults ([the last table](#w
 add up. The defaults are those of the grids, but `sprl` and `gt-sprl` get Table 1's rate of 0.01 from `table`;
 `sprl@tuned` has the default rate of 0.003.
 
-**Words.** A *domain* is a family of tasks; the task decides which rows of the last table hold. `dmlab` and `atari` have
-no environments yet. *Anchor*, *positive* and *negative* are states from which the reachability network learns: a
+**Words.** A *domain* is a family of tasks; the task decides which rows of the last table hold. `dmlab` stands for
+first-person mazes. *Anchor*, *positive* and *negative* are states from which the reachability network learns: a
 positive lies a few steps after its anchor, a negative many. *CReLU* is the rectifier of x and of -x, side by side. The
 agents' `action_noise` is not the environments' argument of that name, which the suite `noise` sets.
 

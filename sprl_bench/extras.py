@@ -30,6 +30,7 @@ class Extra:
 
 EXTRAS: Mapping[str, Extra] = MappingProxyType(
     {
+        "atari": Extra(("ale_py",), "the Atari games"),
         "baselines": Extra(("torch",), "the reference agents, except the random one"),
         "fetch": Extra(("gymnasium_robotics", "mujoco"), "the Fetch environments"),
         "plots": Extra(("matplotlib", "pandas"), "sprl-bench plot, and results as data frames"),

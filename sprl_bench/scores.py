@@ -69,6 +69,12 @@ def steps_to_threshold(bins: npt.ArrayLike, budget: int, score_range: tuple[floa
     return int((reached[0] + 1) * budget // BINS) if reached.size else None
 
 
+def normalized(scores: npt.ArrayLike, reference: tuple[float, float]) -> Array:
+    """Return scores on a scale on which the lower reference is 0 and the upper one 1, as random and human play are."""
+    low, high = reference
+    return (np.asarray(scores, dtype=np.float64) - low) / (high - low)
+
+
 def mean(scores: Array) -> Array:
     """Return the mean over seeds, then over tasks, of scores [..., S, T] for S seeds and T tasks: [...]."""
     return np.asarray(scores.mean(axis=-2).mean(axis=-1))

@@ -85,7 +85,8 @@ class LearningAgent:
             case "joint":
                 return self._normalizer(rollout.rewards + bonus, rollout.ended)
             case _:
-                return rollout.rewards + bonus
+                limit = self.config.reward_clip or torch.inf
+                return rollout.rewards.clamp(-limit, limit) + bonus
 
     def _start(self, envs: Envs) -> None:
         if envs.num_envs != self.config.num_envs:

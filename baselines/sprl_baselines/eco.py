@@ -17,7 +17,14 @@ from torch import Tensor
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.config import Count, Share, Weight
 from sprl_baselines.learning.rollout import Rollout, Rows
-from sprl_baselines.reachability import Judge, LearnedReachability, Reachability, ReachabilityConfig, judge_pairs
+from sprl_baselines.reachability import (
+    LARGE,
+    Judge,
+    LearnedReachability,
+    Reachability,
+    ReachabilityConfig,
+    judge_pairs,
+)
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class ECO:
 
     def __init__(self, setting: Setting, config: ECOConfig) -> None:
         self.config = config
-        self.reachability: Reachability = LearnedReachability(setting, config)
+        self.reachability: Reachability = LearnedReachability(setting, config, LARGE)
         self._generator = torch.Generator().manual_seed(setting.seed)
         self._counts = torch.zeros(setting.num_envs, dtype=torch.int64, device=setting.device)  # [N] states remembered
         self._memory = torch.empty(0)  # [M, N, ...]

@@ -2,7 +2,8 @@
 
 It is an oracle: it reads the agent's true position, which other agents do not see. The paper's baseline of this name
 (appendix D.3, Table 1). On the grids a cell is a cell. On Fetch, where the paper has no GT-Grid, a cell is a cube of
-space: the one that the gripper is in, together with the one that the object is in.
+space: the one that the gripper is in, together with the one that the object is in. In mazes a cell is a square of 30
+units, as in Savinov et al.'s code.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from torch import Tensor
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.config import Config, Positive, Weight
 from sprl_baselines.learning.grids import square_grid_side
+from sprl_baselines.learning.images import image_shape
 from sprl_baselines.learning.rollout import Rollout
 
 FETCH = {16: 3, 31: 6}  # by length of a flat observation: its first coordinates are the gripper's and the object's
@@ -34,7 +36,7 @@ class GTGridConfig(Config):
     """Hyperparameters of GT-Grid."""
 
     bonus_weight: Weight = 0.01  # reward for the first visit of a cell in its episode (Table 1)
-    cube_size: Positive = 0.05  # edge of a cell on Fetch, in metres (our choice; the goal's tolerance)
+    cube_size: Positive = 0.05  # edge of a cell: metres on Fetch (ours: the goal's tolerance), units in mazes
 
 
 class GTGrid:
@@ -44,11 +46,11 @@ class GTGrid:
     episode starts counts as visited.
 
     Args:
-        setting: Observations must be square grids or Fetch's flat ones.
+        setting: Observations must be square grids, Fetch's flat ones, or images of an env that reports positions.
         config: Hyperparameters.
 
     Raises:
-        ValueError: Observations are neither.
+        ValueError: Observations are none of these.
     """
 
     privileged: ClassVar[bool] = True
@@ -94,6 +96,8 @@ def _cells_of(space: Space[Any], cube_size: float) -> Callable[[Rollout], tuple[
     match space:
         case spaces.Box(shape=(length,), dtype=np.float64) if length in FETCH:
             return partial(_cubes, coordinates=FETCH[length], size=cube_size)
+        case _ if image_shape(space):
+            return partial(_places, size=cube_size)
         case _:
             return partial(_squares, side=square_grid_side(space))
 
@@ -111,8 +115,22 @@ def _squares(rollout: Rollout, side: int) -> tuple[Cells, Cells]:
 
 def _cubes(rollout: Rollout, coordinates: int, size: float) -> tuple[Cells, Cells]:
     def numbers(observations: Tensor) -> Cells:
-        cubes = np.floor(observations[..., :coordinates].cpu().numpy() / size).clip(-CUBES // 2, CUBES // 2 - 1)
-        cells: Cells = (cubes.astype(np.int64) + CUBES // 2) @ CUBES ** np.arange(coordinates)
-        return cells
+        return _numbered(observations[..., :coordinates].cpu().numpy(), size)
 
     return numbers(rollout.observations), numbers(rollout.next_observations)
+
+
+def _places(rollout: Rollout, size: float) -> tuple[Cells, Cells]:
+    def numbers(positions: Tensor) -> Cells:
+        if not positions.shape[-1]:
+            raise ValueError("info has no 'position'; it must have one for gt-grid on images.")
+        return _numbered(positions.cpu().numpy(), size)
+
+    return numbers(rollout.positions), numbers(rollout.next_positions)
+
+
+def _numbered(coordinates: npt.NDArray[Any], size: float) -> Cells:
+    """Number the cubes of coordinates `[T, N, D]`."""
+    cubes = np.floor(coordinates / size).clip(-CUBES // 2, CUBES // 2 - 1)
+    cells: Cells = (cubes.astype(np.int64) + CUBES // 2) @ CUBES ** np.arange(coordinates.shape[-1])
+    return cells

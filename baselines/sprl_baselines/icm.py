@@ -22,12 +22,15 @@ from sprl_baselines.bonus import Setting
 from sprl_baselines.kernels.strided_convolution import CHANNELS, StridedConvolution
 from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight, reject_more_than_rollout
 from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.images import IMAGES, Pixels, Shrunk, halving_convolutions, image_shape
+from sprl_baselines.learning.initialization import RELU_GAIN, linear
 from sprl_baselines.learning.minibatches import Batch, shuffled_minibatches, train
-from sprl_baselines.learning.networks import RELU_GAIN, ScaledCells, linear, mlp_trunk
+from sprl_baselines.learning.networks import ScaledCells, mlp_trunk
 from sprl_baselines.learning.observations import RAW, View
 from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
 
+IMAGE_SIDE = 42  # pixels; images are resized, as in the published code
 ERROR_SCALE = 0.5 * 288  # the published code has 288 features on its images, and this factor for all of them
 
 
@@ -56,7 +59,7 @@ class ICM:
     It has no episodic memory. The last step of an episode counts like any other, with its true successor.
 
     Args:
-        setting: Observations must be grids or flat; actions discrete or flat.
+        setting: Observations must be grids, images or flat; actions discrete or flat.
         config: Hyperparameters.
     """
 
@@ -136,7 +139,7 @@ class Dynamics(nn.Module):
     """Features phi, separate from the policy's network, with the forward and the inverse model.
 
     Args:
-        observation_space: Grids `[H, W, 3]` uint8, or a flat Box.
+        observation_space: Grids `[H, W, 3]` uint8, images, or a flat Box.
         action_space: Discrete (from 0), or a flat Box.
         generator: Generator of the initial parameters, on the CPU.
         view: What the features see of an observation.
@@ -191,10 +194,13 @@ def encoder(space: Space[Any], generator: torch.Generator) -> tuple[nn.Sequentia
             layers += [convolution, nn.ELU()]
             sides = convolution.remaining
         return nn.Sequential(*layers, FlattenCells()), CHANNELS * prod(sides)
+    if image := image_shape(space):
+        convolutions, features = halving_convolutions(image.channels, (IMAGE_SIDE, IMAGE_SIDE), generator)
+        return nn.Sequential(Pixels(image), Shrunk(IMAGE_SIDE), *convolutions), features
     if isinstance(space, spaces.Box) and len(space.shape) == 1:
         size = space.shape[0]
         return mlp_trunk(size, 4, size, generator), size
-    raise ValueError(f"observation_space is {space}; it must be {GRIDS} or a flat Box.")
+    raise ValueError(f"observation_space is {space}; it must be {GRIDS}, {IMAGES}, or a flat Box.")
 
 
 class FlattenCells(nn.Module):

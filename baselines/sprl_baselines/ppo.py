@@ -61,7 +61,7 @@ class PPOConfig(Config):
     # Divide the env's reward ("extrinsic"), or reward plus bonus ("joint"), by the running standard deviation of its
     # discounted sum (appendix G.3).
     reward_normalization: Annotated[str, Choice("none", "extrinsic", "joint")] = "none"
-    reward_clip: Weight = 0.0  # largest absolute value of a normalised reward; 0 for no limit
+    reward_clip: Weight = 0.0  # largest absolute value of the (normalised) reward of a step; 0 for no limit
     normalize_observations: bool = False  # by the running mean and standard deviation of each component
     observation_clip: Positive = 5.0  # largest absolute value of a normalised component
     action_noise: Weight = 0.0  # standard deviation of the noise added to continuous actions (Table 5)

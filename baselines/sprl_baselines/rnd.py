@@ -20,9 +20,11 @@ from torch.nn.utils import clip_grad_norm_
 
 from sprl_baselines.bonus import Setting
 from sprl_baselines.learning.config import Config, Count, Positive, Share, Weight, reject_more_than_rollout
+from sprl_baselines.learning.images import image_shape, nature_convolutions
+from sprl_baselines.learning.initialization import RELU_GAIN, linear
 from sprl_baselines.learning.minibatches import Batch, Report, shuffled_minibatches, train
 from sprl_baselines.learning.moments import RewardNormalizer
-from sprl_baselines.learning.networks import RELU_GAIN, linear, mlp_trunk
+from sprl_baselines.learning.networks import mlp_trunk
 from sprl_baselines.learning.observations import NormalizedObservations
 from sprl_baselines.learning.rollout import Rollout, Rows
 from sprl_baselines.learning.training_state import restore, saved
@@ -65,8 +67,8 @@ class RND:
             raise ValueError(f"RND has no network for observations in {setting.observation_space}: it needs a Box.")
         self._config = config
         self._generator = torch.Generator(setting.device).manual_seed(setting.seed)
-        inputs, initial = prod(setting.observation_space.shape), torch.Generator().manual_seed(setting.seed)
-        self.network = Distillation(inputs, config, initial).to(setting.device)
+        initial = torch.Generator().manual_seed(setting.seed)
+        self.network = Distillation(setting.observation_space, config, initial).to(setting.device)
         self._optimizer = torch.optim.Adam(self.network.predictor.parameters(), lr=config.rnd_learning_rate, fused=True)
         self._scale = RewardNormalizer(setting.num_envs, config.rnd_gamma, setting.device)
 
@@ -122,27 +124,43 @@ def _successors(rollout: Rollout) -> Rows:
 
 
 class Distillation(nn.Module):
-    """The fixed target, and the predictor, which is one layer deeper.
+    """The fixed target, and the predictor, which is one layer deeper; for images, both begin with convolutions.
 
     Args:
-        inputs: Numbers in an observation.
+        space: Of one observation.
         config: Sizes.
         generator: Source of the initial parameters, on the CPU.
     """
 
-    def __init__(self, inputs: int, config: RNDConfig, generator: torch.Generator) -> None:
+    def __init__(self, space: spaces.Box, config: RNDConfig, generator: torch.Generator) -> None:
         super().__init__()
-        units, features = config.rnd_units, config.rnd_features
-        self.view = NormalizedObservations(inputs, config.rnd_clip)
-        self.target = nn.Sequential(
-            mlp_trunk(inputs, 1, units, generator), linear(units, features, RELU_GAIN, generator)
-        ).requires_grad_(False)
-        self.predictor = nn.Sequential(
-            mlp_trunk(inputs, 2, units, generator), linear(units, features, RELU_GAIN, generator)
-        )
+        self.view = NormalizedObservations(prod(space.shape), config.rnd_clip)
+        self.target = _network(space, 1, config, generator).requires_grad_(False)
+        self.predictor = _network(space, 2, config, generator)
 
     def forward(self, observations: Tensor) -> Tensor:
         """Return the mean squared error of each of B observations, `[B]`."""
         seen = self.view(observations.flatten(1))
         errors: Tensor = (self.predictor(seen) - self.target(seen)).square().mean(dim=1)
         return errors
+
+
+def _network(space: spaces.Box, layers: int, config: RNDConfig, generator: torch.Generator) -> nn.Sequential:
+    """Return a network of flattened observations, `[B, D]` -> `[B, rnd_features]`."""
+    convolutions: list[nn.Module] = []
+    inputs = prod(space.shape)
+    if image := image_shape(space):
+        shaping = nn.Unflatten(1, space.shape)
+        order = [shaping] if image.channels_first else [shaping, Permuted()]
+        rest, inputs = nature_convolutions(image, generator)
+        convolutions = [*order, *rest]
+    dense = mlp_trunk(inputs, layers, config.rnd_units, generator)
+    return nn.Sequential(*convolutions, dense, linear(config.rnd_units, config.rnd_features, RELU_GAIN, generator))
+
+
+class Permuted(nn.Module):
+    """Puts channels first."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """`[B, H, W, C]` -> `[B, C, H, W]`."""
+        return images.permute(0, 3, 1, 2)

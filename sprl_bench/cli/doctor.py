@@ -27,7 +27,7 @@ def _conclude(findings: list[Finding]) -> list[str]:
     if broken:
         lines.append(f"Does not work here: {broken}.")
     if wrong:
-        extras = ",".join(name for name in ("baselines", "fetch") if EXTRAS[name].installed) or "baselines"
+        extras = ",".join(name for name in ("atari", "baselines", "fetch") if EXTRAS[name].installed) or "baselines"
         lines.append(f"Scores from here may not compare with published ones: {wrong}.")
         lines.append(f"Install the pinned versions with: {advice(extras, pinned=True)}")
     if open_questions:

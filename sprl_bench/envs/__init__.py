@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import gymnasium
 
-__all__ = ["FETCH_IDS", "GRID_IDS", "IDS", "register"]
+__all__ = ["ATARI_IDS", "FETCH_IDS", "GRID_IDS", "IDS", "register"]
 
 _GRID = "sprl_bench.envs.grid"
 _FETCH = "sprl_bench.envs.fetch"
+_ATARI = "sprl_bench.envs.atari"
 
 # id -> (entry point of the single environment, entry point of the batched engine)
 _GRID_TABLE: dict[str, tuple[str, str]] = {
@@ -26,11 +27,16 @@ _FETCH_TABLE: dict[str, tuple[str, str]] = {
     "SPRL/FetchSlideSparse-v1": (f"{_FETCH}.fetch_env:slide", f"{_FETCH}.fetch_engine:slide"),
     "SPRL/FetchPickAndPlaceSparse-v1": (f"{_FETCH}.fetch_env:pick_and_place", f"{_FETCH}.fetch_engine:pick_and_place"),
 }
+_ATARI_TABLE: dict[str, tuple[str, str]] = {
+    f"SPRL/{game}-v1": (f"{_ATARI}.atari_env:{game}", f"{_ATARI}.atari_engine:{game}Engine")
+    for game in ("MontezumaRevenge", "Freeway", "MsPacman", "Gravitar", "Seaquest", "Hero")
+}
 
-_TABLE = _GRID_TABLE | _FETCH_TABLE
+_TABLE = _GRID_TABLE | _FETCH_TABLE | _ATARI_TABLE
 
 GRID_IDS: tuple[str, ...] = tuple(_GRID_TABLE)
 FETCH_IDS: tuple[str, ...] = tuple(_FETCH_TABLE)
+ATARI_IDS: tuple[str, ...] = tuple(_ATARI_TABLE)
 IDS: tuple[str, ...] = tuple(_TABLE)
 """Every environment id, in the order of the protocol's table."""
 

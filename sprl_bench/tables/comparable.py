@@ -16,6 +16,7 @@ from sprl_bench.tables.seed_results import Result
 from sprl_bench.tasks import SUITES, too_wide
 
 SCORED_PACKAGES = (
+    "ale-py",
     "gymnasium",
     "gymnasium-robotics",
     "llvmlite",
@@ -28,7 +29,7 @@ SCORED_PACKAGES = (
     "torch",
 )
 """Our environments and agents compute with these: another version may move a score."""
-NEVER_MIXED = ("gymnasium-robotics", "mujoco")
+NEVER_MIXED = ("ale-py", "gymnasium-robotics", "mujoco")
 """Simulators that change numerically from release to release."""
 SURROUNDINGS = ("python", "platform")
 """Another one of these moves scores by rounding at most."""

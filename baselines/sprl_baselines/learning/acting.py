@@ -23,7 +23,8 @@ The values are None where they need a network of their own: then they are cheape
 def acting(network: ActorCritic) -> Acting:
     """Return how the network acts by its present parameters."""
     on_cpu = next(network.parameters()).device.type == "cpu"
-    return compiled(network) if on_cpu else plain(network)
+    has_compiled_form = network.has_crelu or not network.shared  # images have none: their convolutions take the time
+    return compiled(network) if on_cpu and has_compiled_form else plain(network)
 
 
 def plain(network: ActorCritic) -> Acting:

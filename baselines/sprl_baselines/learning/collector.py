@@ -12,6 +12,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 from torch import Tensor
 
+from sprl_baselines.learning.images import image_shape
 from sprl_baselines.learning.rollout import Rollout
 
 Array = npt.NDArray[Any]
@@ -220,5 +221,7 @@ def stacked(space: gymnasium.Space[Any], stack: int) -> gymnasium.Space[Any]:
         return space
     if not isinstance(space, gymnasium.spaces.Box):
         raise ValueError(f"Hyperparameter stack is {stack}; it must be 0 for observations in {space}.")
+    if (image := image_shape(space)) and image.channels_first:
+        raise ValueError(f"Hyperparameter stack is {stack}; it must be 0 for images with channels first, {space}.")
     low, high = (np.tile(bound, stack + 1) for bound in (space.low, space.high))
     return gymnasium.spaces.Box(low, high, dtype=space.dtype.type)

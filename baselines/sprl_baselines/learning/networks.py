@@ -1,4 +1,4 @@
-"""The policy and value networks: a CNN for grids (appendix D.3) and an MLP for flat observations (appendix G.4).
+"""The policy and value networks: CNNs for grids (appendix D.3) and images (E.4, F.4), an MLP for flat ones (G.4).
 
 All parameters are drawn from the generator that is passed in. Torch's global random state is never used.
 """
@@ -6,27 +6,30 @@ All parameters are drawn from the generator that is passed in. Torch's global ra
 from __future__ import annotations
 
 from itertools import pairwise
-from math import sqrt
 from typing import Any, Protocol
 
 import torch
 from gymnasium import spaces
 from torch import Tensor, nn
 from torch.nn import functional
-from torch.nn.utils import skip_init
 
 from sprl_baselines.kernels.convolutions import CReLUConvolutions
 from sprl_baselines.kernels.rectified_heads import rectified_linear
 from sprl_baselines.learning.distributions import Categorical, DiagonalGaussian, Distribution
 from sprl_baselines.learning.grids import GRIDS, grid_shape
+from sprl_baselines.learning.images import (
+    IMAGES,
+    NATURE_UNITS,
+    ImageShape,
+    Pixels,
+    image_shape,
+    nature_convolutions,
+)
+from sprl_baselines.learning.initialization import CRELU_GAIN, POLICY_GAIN, RELU_GAIN, VALUE_GAIN, linear
 from sprl_baselines.learning.observations import RAW, View
 
 # The largest type, colour and state (or direction) that a grid cell can hold.
 LARGEST_CODES = (10, 5, 3)
-POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
-# The published code uses sqrt(2) before plain ReLUs. Before CReLUs, which give twice the features, exploration ends in
-# the first updates with sqrt(2) and Table 1's learning rate, but not with 1 (`notes/grid-network.md`).
-RELU_GAIN, CRELU_GAIN = sqrt(2), 1.0
 
 
 class Head(Protocol):
@@ -61,15 +64,17 @@ class ActorCritic(nn.Module):
         self.head = head
         self.value = value
         self.shared = value_trunk is policy_trunk
+        self.has_crelu = isinstance(policy_trunk[-1], CReLU)
         if not self.shared:
             self.value_trunk = value_trunk
 
     def forward(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Return the parameters of the action distributions `[B, A]`, and the values `[B]`, of B observations."""
         seen = self.view(observations)
-        if self.shared:
+        if self.has_crelu:
             return self._heads_of_one_trunk(seen)
-        features, value_features = self.policy_trunk(seen), self.value_trunk(seen)
+        features = self.policy_trunk(seen)
+        value_features = features if self.shared else self.value_trunk(seen)
         return self.head(features), self.value(value_features).squeeze(-1)
 
     def _heads_of_one_trunk(self, seen: Tensor) -> tuple[Tensor, Tensor]:
@@ -98,8 +103,8 @@ def actor_critic(
     """Return the network for these spaces of one sub-environment.
 
     Args:
-        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), or a
-            flat `Box`.
+        observation_space: `Box` of shape (H, W, 3) and dtype uint8 (a grid; 6, 9, ... for several in a stack), images
+            (larger ones), or a flat `Box`.
         action_space: `Discrete`, or a flat `Box`.
         generator: Generator of the initial parameters, on the CPU.
         view: What the network sees of an observation.
@@ -112,22 +117,17 @@ def actor_critic(
     if grid := grid_shape(observation_space):
         policy_trunk = value_trunk = grid_trunk(*grid, generator)
         features = 2 * GRID_UNITS
+    elif image := image_shape(observation_space):
+        policy_trunk = value_trunk = image_trunk(image, generator)
+        features = NATURE_UNITS
     elif isinstance(observation_space, spaces.Box) and len(observation_space.shape) == 1:
         sizes = observation_space.shape[0], mlp_layers, mlp_units
         policy_trunk, value_trunk = mlp_trunk(*sizes, generator), mlp_trunk(*sizes, generator)
         features = mlp_units
     else:
-        raise ValueError(f"observation_space is {observation_space}; it must be {GRIDS} or a flat Box.")
+        raise ValueError(f"observation_space is {observation_space}; it must be {GRIDS}, {IMAGES}, or a flat Box.")
     head = policy_head(features, action_space, generator)
     return ActorCritic(view, policy_trunk, value_trunk, head, linear(features, 1, VALUE_GAIN, generator))
-
-
-def linear(inputs: int, outputs: int, gain: float, generator: torch.Generator) -> nn.Linear:
-    """Return a linear layer with orthogonal weights and zero biases."""
-    layer: nn.Linear = skip_init(nn.Linear, inputs, outputs)  # type: ignore[no-untyped-call] # torch has no types there
-    nn.init.orthogonal_(layer.weight, gain, generator)
-    nn.init.zeros_(layer.bias)
-    return layer
 
 
 # ---------------------------------------------------------------------------------------------- heads
@@ -205,6 +205,13 @@ def grid_trunk(height: int, width: int, frames: int, generator: torch.Generator)
     """Return the grid network of appendix D.3 without its heads, `[B, H, W, 3 * frames]` uint8 -> `[B, 1024]`."""
     convolutions, features = grid_convolutions(height, width, frames, generator)
     return nn.Sequential(*convolutions, linear(features, GRID_UNITS, CRELU_GAIN, generator), CReLU())
+
+
+def image_trunk(shape: ImageShape, generator: torch.Generator) -> nn.Sequential:
+    """Return the network of Mnih et al. (2015) without its heads, images `[B, ...]` uint8 -> `[B, 512]`."""
+    convolutions, features = nature_convolutions(shape, generator)
+    wide = linear(features, NATURE_UNITS, RELU_GAIN, generator)
+    return nn.Sequential(Pixels(shape), *convolutions, wide, nn.ReLU(inplace=True))
 
 
 class CReLU(nn.Module):

@@ -1,4 +1,4 @@
-"""Presets for Atari (appendix F). The environments and a network for them are not included."""
+"""Presets for Atari (appendix F)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from sprl_baselines.presets.dmlab import FRAME
 COMMON: Mapping[str, Any] = {
     **FRAME,
     "learning_rate": 0.0005,
+    "reward_clip": 1.0,  # Table 3
 }  # Table 4; FRAME is not in the paper
 NETWORK: Mapping[str, Any] = {
     "k": 12,
@@ -30,6 +31,7 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
     "eco": {**COMMON, **NETWORK, "bonus_weight": 0.001},
     "icm": {**COMMON, "bonus_weight": 0.01, "forward_share": 1.0, "icm_loss_weight": 1.0, "icm_learning_rate": 0.0005},
     "ppo": COMMON,
+    "rnd": COMMON,  # not in the paper
     "sprl": {**COMMON, **NETWORK, "cost_scale": 0.05, "tolerance_samples": 200},
 }
 

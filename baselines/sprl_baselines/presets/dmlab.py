@@ -1,4 +1,4 @@
-"""Presets for DeepMind Lab. The environments and a network for them are not included.
+"""Presets for DeepMind Lab's levels and the mazes that stand for them.
 
 SPRL's hyperparameters are those of Table 2. Appendix E.4 takes the other agents' from Savinov et al. (2019); they and
 the other settings of PPO are from the settings that the authors published.
@@ -21,7 +21,7 @@ NETWORK: Mapping[str, Any] = {
 }
 TABLE: Mapping[str, Mapping[str, Any]] = {
     "eco": {**SAVINOV, **NETWORK, "entropy_coefficient": 0.0021, "k": 5, "bonus_weight": 0.03},
-    "gt-grid": {**SAVINOV, "entropy_coefficient": 0.0066, "bonus_weight": 0.05247},
+    "gt-grid": {**SAVINOV, "entropy_coefficient": 0.0066, "bonus_weight": 0.05247, "cube_size": 30.0},
     "icm": {
         **SAVINOV,
         "entropy_coefficient": 0.0042,
@@ -31,6 +31,7 @@ TABLE: Mapping[str, Mapping[str, Any]] = {
         "icm_learning_rate": 0.00025,
     },
     "ppo": {**FRAME, "learning_rate": 0.00019, "entropy_coefficient": 0.0011},
+    "rnd": {**SAVINOV, "entropy_coefficient": 0.0021},  # not in the paper
     "sprl": {
         **FRAME,
         **NETWORK,

@@ -17,6 +17,7 @@ from sprl_baselines.reachability.hyperparameters import ReachabilityConfig
 from sprl_baselines.reachability.network import reachability_network
 from sprl_baselines.reachability.pairs import Judge, judge_pairs
 from sprl_baselines.reachability.replay import Replay
+from sprl_baselines.reachability.residual import SMALL
 from sprl_baselines.reachability.triplets import Triplets, accuracy_ranges, scatter, training_ranges, walk
 
 
@@ -25,13 +26,18 @@ class LearnedReachability:
 
     Its accuracy is measured as in appendix B.1, on the steps since the last training, before it is trained on them.
 
+    Args:
+        setting: The environment, seed and device.
+        config: Hyperparameters.
+        blocks: Residual blocks of the network for images.
+
     Raises:
         ValueError: There is no network for the observations, or the replay is too small for a negative.
     """
 
     privileged: ClassVar[bool] = False
 
-    def __init__(self, setting: Setting, config: ReachabilityConfig) -> None:
+    def __init__(self, setting: Setting, config: ReachabilityConfig, blocks: tuple[int, ...] = SMALL) -> None:
         self._replay = Replay(config.replay_size, setting.num_envs)
         self._ranges = training_ranges(config.k, config.tolerance, config.negative_bias, config.negatives)
         nearest, _ = self._ranges.negative
@@ -51,6 +57,7 @@ class LearnedReachability:
             layers=config.head_layers,
             units=config.head_units,
             pair_input=config.pair_input,
+            blocks=blocks,
         ).to(setting.device)
         self.network.eval()
         self._optimizer = torch.optim.Adam(
