@@ -219,14 +219,14 @@ def improvement_interval(
 def _wins(scores: Array, reference: Array) -> Array:
     """Return 1 where a run scores higher than another, 1/2 where both score the same: [S, S', T]."""
     ours, theirs = scores[:, None], reference[None]
-    return (ours > theirs) + 0.5 * (ours == theirs)
+    return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 
 def _shares(shape: tuple[int, ...], generator: np.random.Generator, resamples: int) -> Array:
     """Resample the seeds of each task; return each one's share of each sample: [T, R, S]."""
     seeds, tasks = shape
     chosen = generator.integers(seeds, size=(tasks * resamples, seeds)) + seeds * np.arange(tasks * resamples)[:, None]
-    return np.bincount(chosen.ravel(), minlength=chosen.size).reshape(tasks, resamples, seeds) / seeds
+    return np.asarray(np.bincount(chosen.ravel(), minlength=chosen.size).reshape(tasks, resamples, seeds) / seeds)
 
 
 def performance_profile(scores: Array, thresholds: Array) -> Array:

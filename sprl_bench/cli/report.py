@@ -111,7 +111,7 @@ def _logged(runs: Path, states: Sequence[RunState]) -> tuple[list[Logged], list[
 
     ordered = sorted(states, key=lambda state: state.spec.seed)
     lines = [(state.spec, read_metrics(state.spec.path(runs))) for state in ordered[:MOST_LOGGED]]
-    found = [(spec, of_run) for spec, of_run in lines if of_run]
+    found: list[Logged] = [(spec, of_run) for spec, of_run in lines if of_run]
     left_out = len(states) - len(lines)
     note = f"What agents logged is shown of {len(lines)} of {len(states)} runs, those with the lowest seeds."
     return found, [note] if left_out and found else []

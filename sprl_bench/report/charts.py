@@ -15,7 +15,7 @@ Spec = dict[str, Any]
 SCHEMA: Final = "https://vega.github.io/schema/vega-lite/v6.json"
 INK: Final = "currentColor"
 BLACK: Final = "#000000"
-PATTERNS: Final[Mapping[str, tuple[int, ...]]] = MappingProxyType(
+PATTERNS: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
     {"-": (1, 0), "--": (6, 3), ":": (1.5, 2), "-.": (6, 2, 1.5, 2)}
 )
 """Lengths of strokes and gaps, by matplotlib's name of the dashes."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from sprl_bench.plots.style import Look, looks_of
+from sprl_bench.records import RunSpec
 from sprl_bench.report.charts import PATTERNS, colour_of, specs_of
 from sprl_bench.report.series import (
     SEED_COLUMNS,
@@ -119,11 +120,15 @@ def content_of(source: Source) -> Content:
 
 def _names(source: Source) -> set[str]:
     """Return the names of all agents, planned ones too."""
-    return {one.agent for one in (*source.results, *source.planned, *(spec for spec, _ in source.logged))}
+    return {one.agent for one in _runs(source)}
+
+
+def _runs(source: Source) -> Sequence[Result | RunSpec]:
+    return [*source.results, *source.planned, *(spec for spec, _ in source.logged)]
 
 
 def _agent(name: str, look: Look, source: Source) -> Agent:
-    known = next(one for one in (*source.results, *source.planned) if one.agent == name)
+    known = next(one for one in _runs(source) if one.agent == name)
     return Agent(
         name=name,
         label=marked(name, known.privileged, known.information),

@@ -114,7 +114,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _is_for_us(self) -> bool:
         """Whether the browser asked for this machine: a page elsewhere must not reach us by a name of its own."""
         host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
-        return host in ("localhost", self.server.server_address[0]) or _is_address(host)
+        return host == "localhost" or _is_address(host)
 
     def log_message(self, *_: object) -> None:
         """Print nothing: the page asks again and again."""
