@@ -39,7 +39,7 @@ def save(path: Path, state: Mapping[str, Any]) -> None:
     arrays: dict[str, Array] = {}
     tree = json.dumps(_flatten(state, "", arrays))
     metadata = {"format": FORMAT, "tree": tree, "digest": _digest(tree, arrays)}
-    write_bytes(path, serialise(arrays, metadata))
+    write_bytes(path, serialise(arrays, metadata), own=True)
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def load(path: Path) -> dict[str, Any]:
     """
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - loaded when needed
 
-    path.stat()  # raises FileNotFoundError
+    path.open("rb").close()  # an error of the system is not a broken file
     try:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}

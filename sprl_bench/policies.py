@@ -21,7 +21,7 @@ from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS
 from sprl_bench.records import RunSpec, read
-from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS
+from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS, find_files
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
 
@@ -127,7 +127,7 @@ def find_run(root: Path, env_id: str, agent: str | None = None) -> Path:
         FileNotFoundError: There is none; recorded scripts do not count.
         InvalidFileError: The spec of a run there is broken.
     """
-    specs = {path.parent: read(path, RunSpec) for path in sorted(root.rglob(SPEC))}
+    specs = {path.parent: read(path, RunSpec) for path in find_files(root, SPEC)}
     folders = [
         folder
         for folder, spec in specs.items()
@@ -153,7 +153,7 @@ def _is_agent_of(spec: RunSpec, agent: str) -> bool:
 
 def _holds_scripts(root: Path) -> bool:
     """Return whether there are records, but only of scripts."""
-    return not any(root.rglob(SPEC)) and any(root.rglob(RECORD))
+    return not find_files(root, SPEC) and bool(find_files(root, RECORD))
 
 
 def _trained(folder: Path, agent: str | None) -> Actor:

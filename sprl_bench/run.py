@@ -11,10 +11,11 @@ import hashlib
 import json
 import logging
 import math
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from gymnasium.envs.registration import make_vec
@@ -28,12 +29,24 @@ from sprl_bench.recorder import VectorRecorder
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import write_result
 from sprl_bench.recorder.tape import Head, Tape
-from sprl_bench.records import RunRecord, RunSpec, write
-from sprl_bench.records.folder import ACTIONS, CHECKPOINT, ERROR, METRICS, SPEC, WEIGHTS, lock, remove_leftovers
+from sprl_bench.records import RunRecord, RunSpec, write, write_bytes
+from sprl_bench.records.folder import (
+    ACTIONS,
+    CHECKPOINT,
+    ERROR,
+    METRICS,
+    SPEC,
+    WEIGHTS,
+    lock,
+    open_own,
+    remove_leftovers,
+)
 from sprl_bench.resume import find_finished, load_checkpoint, other_build
 from sprl_bench.sinks import NoSink, Sink, make_sink
 
 logger = logging.getLogger("sprl_bench")
+
+APPEND: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 
 
 class InterruptedRunError(RuntimeError):
@@ -70,13 +83,13 @@ def run(
         CheckpointRefusedError: The checkpoint was made with other code or versions.
         LockedError: Another process works on this run.
     """
-    folder = spec.path(out)
+    folder = spec.path(out.absolute())  # an agent may change the working directory
     with lock(folder):
         if (record := find_finished(folder, spec)) is not None:
             return record
         remove_leftovers(folder)
         (folder / ERROR).unlink(missing_ok=True)
-        write(folder / SPEC, spec)
+        write(folder / SPEC, spec, own=True)
         with contextlib.ExitStack() as opened, StopSignals() as signals:
             active = _ActiveRun(spec, folder, opened, keep_actions=keep_actions)
             active.restore()
@@ -151,7 +164,7 @@ class _ActiveRun:
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
-        self._metrics = opened.enter_context((folder / METRICS).open("ab"))
+        self._metrics = opened.enter_context(os.fdopen(open_own(folder / METRICS, APPEND), "ab"))
         self._opened, self._keep_actions = opened, keep_actions
         self._reported = 0  # episodes in the means of earlier lines
         self._sink: Sink = NoSink()
@@ -162,7 +175,7 @@ class _ActiveRun:
         if not self._resumable:
             logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
         state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
-        self._metrics.truncate(state["metrics_bytes"] if state else 0)
+        self._truncate_metrics(state["metrics_bytes"] if state else 0)
         self._tape(state)
         if state is None:
             return
@@ -176,6 +189,15 @@ class _ActiveRun:
         self._provenance = self._provenance.continuing(state["provenance"])
         logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
 
+    def _truncate_metrics(self, size: int) -> None:
+        """Forget the lines after the checkpoint; set aside what is shorter, as after a loss of power."""
+        if os.fstat(self._metrics.fileno()).st_size < size:
+            aside = self._folder / f"{METRICS}.broken"
+            write_bytes(aside, (self._folder / METRICS).read_bytes(), own=True)
+            logger.warning("%s has lost lines, which no score depends on. It is %s now.", METRICS, aside)
+            size = 0
+        self._metrics.truncate(size)
+
     def _tape(self, state: Mapping[str, Any] | None) -> None:
         """Begin a tape if one is wanted, or continue the one of the checkpoint."""
         path = self._folder / ACTIONS
@@ -185,7 +207,7 @@ class _ActiveRun:
         if not (begun or (self._keep_actions and not state)):
             path.unlink(missing_ok=True)
             return
-        file = self._opened.enter_context(path.open("r+b" if begun else "w+b"))
+        file = self._opened.enter_context(os.fdopen(open_own(path, os.O_RDWR | os.O_CREAT), "r+b"))
         file.truncate(begun)
         file.seek(begun)
         self._envs.tape = Tape(file, Head.of_envs(self._envs))
@@ -239,7 +261,7 @@ class _ActiveRun:
             "spec": self.spec.model_dump_json(),
             "provenance": self._provenance.completed().as_dict(),
             "wall_time_s": self._wall_time_s,
-            "metrics_bytes": self._metrics.tell(),
+            "metrics_bytes": self._size_on_disk(),
             "actions_bytes": self._envs.tape.flush(),
             "log": self._envs.episode_log.state_dict(),
             "envs": self._envs.unwrapped.get_state(),  # type: ignore[attr-defined] # checked by _resumable
@@ -247,6 +269,11 @@ class _ActiveRun:
         }
         checkpoint.save(self._folder / CHECKPOINT, state)
         return True
+
+    def _size_on_disk(self) -> int:
+        """Return the size of the diagnostics, which reach the disk before the checkpoint that counts on them."""
+        os.fsync(self._metrics.fileno())
+        return self._metrics.tell()
 
     @property
     def _resumable(self) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Annotated, cast
 
 import typer
@@ -69,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: Those of the command line when None.
     """
+    if arguments is None:
+        _prepare_process()
     given = list(sys.argv[1:] if arguments is None else arguments)
     words = [word for word in given if word != "--debug"]
     if len(words) < len(given):
@@ -83,6 +87,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (OSError, ValueError, ImportError) as error:
         # A plain ValueError is a wrong argument; its subclasses are about files and runs.
         return _complain(_sentence(error), MISUSED if type(error) is ValueError else FAILED)
+
+
+def _prepare_process() -> None:
+    """Let this process, even the first of a container, end on SIGTERM as on Ctrl-C, and print what its terminal can."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the shell
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
+        elif hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
 
 
 def _call(words: Sequence[str]) -> int:

@@ -31,11 +31,11 @@ def verify(
 
 def _of_folder(path: Path) -> Iterator[bool]:
     """Replay all runs below a folder, print a line for each, and yield whether it is equal."""
-    from sprl_bench.records.folder import RECORD
+    from sprl_bench.records.folder import RECORD, find_files
     from sprl_bench.replay import NotReplayableError
     from sprl_bench.replay import verify as verify_run
 
-    folders = [record.parent for record in sorted(path.rglob(RECORD))]
+    folders = [record.parent for record in find_files(path, RECORD)]
     if not folders:
         raise FileNotFoundError(f"{path} has no finished run.")
     for folder in folders:

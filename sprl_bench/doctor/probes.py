@@ -93,7 +93,7 @@ def _ask(ask: Callable[[], Answer]) -> Answer:
 
 def probe() -> dict[str, Answer]:
     """Return the answers by probe, from a process of its own; a probe that crashed it has only the trouble."""
-    command = [sys.executable, "-m", "sprl_bench.doctor.probes"]
+    command = [sys.executable, "-P", "-m", "sprl_bench.doctor.probes"]
     try:
         done = subprocess.run(command, capture_output=True, timeout=PATIENCE_S, check=False)
         printed, trouble = done.stdout, f"the process that tried it ended with status {done.returncode}"

@@ -95,6 +95,9 @@ class Executor(ABC):
 
 
 def worker_environment(spec: RunSpec) -> dict[str, str]:
-    """Return the variables of a worker, set before it imports anything: its threads, and a fixed order of sets."""
+    """Return the variables of a worker, set before it imports anything.
+
+    They are its threads, a fixed order of sets, and that no module is taken from the current folder unasked.
+    """
     threads = dict.fromkeys(THREAD_POOLS, str(spec.torch_threads))
-    return {**threads, "PYTHONHASHSEED": "0", "CUBLAS_WORKSPACE_CONFIG": ":4096:8"}
+    return {**threads, "PYTHONHASHSEED": "0", "PYTHONSAFEPATH": "1", "CUBLAS_WORKSPACE_CONFIG": ":4096:8"}

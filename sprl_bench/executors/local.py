@@ -17,6 +17,7 @@ from sprl_bench.executors.base import Executor, Resources, WorkerDiedError, work
 from sprl_bench.records import RunSpec
 
 POLL_S: Final = 1.0  # seconds between two looks at what has ended
+PARTING_S: Final = 10.0  # with a worker that has returned its result
 PATIENCE_S: Final = 120.0  # with a worker that was asked to stop: one update and one checkpoint
 
 
@@ -44,7 +45,10 @@ class LocalExecutor(Executor):
             return WorkerDiedError(_cause(call.process.exitcode))
         finally:
             call.receiver.close()
-        call.process.join()
+        call.process.join(PARTING_S)
+        if call.process.is_alive():  # an agent has left a thread, or a child process, that does not end
+            call.process.kill()
+            call.process.join()
         return result
 
     def _stop(self, calls: Sequence[_Worker]) -> None:
@@ -67,14 +71,18 @@ class _Worker:
     def __init__(self, function: Callable[[RunSpec], Any], spec: RunSpec) -> None:
         context = multiprocessing.get_context("spawn")
         self.receiver, sender = context.Pipe(duplex=False)
-        self.process: SpawnProcess = context.Process(target=_work, args=(function, spec, sender), name=str(spec.seed))
+        self.process: SpawnProcess = context.Process(
+            target=_work, args=(function, spec, sender, os.getpid()), name=str(spec.seed)
+        )
         with _environment_set(worker_environment(spec)):
             self.process.start()
         sender.close()
 
 
-def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[Any, Any]) -> None:
+def _work(function: Callable[[RunSpec], Any], spec: RunSpec, sender: Connection[Any, Any], parent: int) -> None:
     """Be a worker. Ctrl-C reaches the parent too, which then sends SIGTERM; a crash prints a traceback."""
+    if os.getppid() != parent:  # it died while this process loaded its modules
+        return
     faulthandler.enable()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     result = function(spec)

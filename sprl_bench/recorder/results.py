@@ -30,8 +30,8 @@ def write_result(
         wall_time_s: Seconds, over all processes that worked on the run.
     """
     record = _record(spec, log, provenance, wall_time_s)
-    write_bytes(folder / EPISODES, _parquet(log))
-    write(folder / RECORD, record)
+    write_bytes(folder / EPISODES, _parquet(log), own=True)
+    write(folder / RECORD, record, own=True)
     return record
 
 

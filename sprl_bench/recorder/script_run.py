@@ -124,7 +124,7 @@ class ScriptRun:
         """Return the tape of this run, which begins with its first environment."""
         if self._keep_actions and self._tape is NO_TAPE:
             begun = head(source)
-            self._tape = Tape(self._owned.enter_context((self.folder / ACTIONS).open("w+b")), begun)
+            self._tape = Tape(self._owned.enter_context((self.folder / ACTIONS).open("x+b")), begun)
         return self._tape
 
     def _empty_log(self) -> EpisodeLog:
@@ -132,6 +132,11 @@ class ScriptRun:
 
     def check_turn(self, steps: int) -> None:
         """Refuse the next step of an environment that is ahead of another one by a step; it has taken `steps`."""
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                f"{self.folder} is recorded by process {self._process}, but this step is taken in process "
+                f"{os.getpid()}; record the environment in the process that steps it."
+            )
         if not self._warned:
             self._warn_of_width(len(self._open))
         if len(self._open) > 1 and not self.final:
@@ -152,15 +157,19 @@ class ScriptRun:
         """Write the record once, complete or not; a run without a step has none."""
         if self.final or os.getpid() != self._process:
             return
+        if self._log.env_steps:
+            self._write()
+            self._report()
         self.final = True
-        with self._owned:
-            self._tape.flush()
-            if self._log.env_steps:
-                made = self._provenance.completed()
-                known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}
-                wall_time_s = time.perf_counter() - self._started
-                write_result(self.folder, self.spec.model_copy(update=known), self._log, made, wall_time_s=wall_time_s)
-                self._report()
+        self._owned.close()
+
+    def _write(self) -> None:
+        """Write the record; if that fails, everything is kept for the next attempt."""
+        made = self._provenance.completed()
+        known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}
+        wall_time_s = time.perf_counter() - self._started
+        self._tape.flush()
+        write_result(self.folder, self.spec.model_copy(update=known), self._log, made, wall_time_s=wall_time_s)
 
     def _warn_of_width(self, num_envs: int) -> None:
         """Warn, once, of more environments than a leaderboard allows."""
@@ -204,7 +213,11 @@ class _Member(Listener):
         self.resets += 1
 
     def completed(self) -> None:
-        self._run.finish()
+        """Write the record; if the disk is full, say so and let the script go on: `close` tries again."""
+        try:
+            self._run.finish()
+        except OSError as error:
+            logger.error("%s: the record is not written yet (%s); close() tries again.", self._run.folder, error)
 
     def closed(self) -> None:
         self._run.leave(self)

@@ -30,7 +30,7 @@ class Listener:
         return True
 
     def stepping(self) -> None:
-        """A single environment is about to take a step; raise to prevent it."""
+        """An environment is about to take a step; raise to prevent it."""
 
     def resetting(self) -> None:
         """A single environment is about to be reset."""
@@ -120,6 +120,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         """
         if not self._begun:
             raise ResetNeeded(UNRESET)
+        self._listener.stepping()
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
         if not self.episode_log.complete:
             self.tape.step(actions)

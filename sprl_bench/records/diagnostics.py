@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sprl_bench.records.files import InvalidFileError, read
-from sprl_bench.records.folder import METRICS, RECORD, SPEC
+from sprl_bench.records.folder import METRICS, RECORD, SPEC, find_files
 from sprl_bench.records.types import RunRecord, RunSpec
 
 
@@ -20,7 +20,7 @@ def find_metrics(root: Path) -> list[tuple[RunSpec, list[dict[str, Any]]]]:
     """
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    found = [(_spec_in(path.parent), _lines(path)) for path in sorted(root.rglob(METRICS))]
+    found = [(_spec_in(path.parent), _lines(path)) for path in find_files(root, METRICS)]
     return [(spec, lines) for spec, lines in found if lines]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, TypeVar
@@ -20,6 +21,7 @@ from sprl_bench.records.places import Place, find_duplicate, find_line
 from sprl_bench.suggestions import did_you_mean
 
 SHOWN_LETTERS = 80
+LARGEST: Final = 2**26  # bytes of a file that is read; a record has about 10,000
 OURS = "Value error, "  # pydantic puts this before our own sentences
 
 
@@ -44,7 +46,7 @@ def read(path: Path, model: type[Model]) -> Model:
             not finite.
         FileNotFoundError: There is no such file.
     """
-    content = path.read_bytes()
+    content = read_bytes(path)
     try:
         data = model.model_validate_json(content)
     except ValidationError as error:
@@ -53,6 +55,21 @@ def read(path: Path, model: type[Model]) -> Model:
     if duplicate := find_duplicate(text):
         raise InvalidFileError(f"{path}:{find_line(text, duplicate)}: {_name(duplicate)}: this key is given twice")
     return data
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a regular file of at most `LARGEST` bytes.
+
+    Raises:
+        InvalidFileError: It is something else, such as a pipe, or larger.
+        FileNotFoundError: There is no such file.
+    """
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise InvalidFileError(f"{path} is not a regular file; it must be one.")
+    if status.st_size > LARGEST:
+        raise InvalidFileError(f"{path} has {status.st_size:,} bytes; it must have at most {LARGEST:,}.")
+    return path.read_bytes()
 
 
 def locate(path: Path, place: Place) -> int:
@@ -65,7 +82,7 @@ def _describe(content: bytes, error: ValidationError) -> str:
     first = _sorted(error)[0]
     if first["type"] == "json_invalid":
         line = re.search(r"at line (\d+)", first["msg"])
-        return f"{line.group(1) if line else 1}: {_printable(first['msg'], 200)}"
+        return f"{line.group(1) if line else 1}: {printable(first['msg'], 200)}"
     return f"{find_line(content.decode(), first['loc'] + _subject(first))}: {first_complaint(error)}"
 
 
@@ -98,38 +115,49 @@ def _complaint(first: ErrorDetails, errors: Sequence[ErrorDetails]) -> str:
         case "missing":
             return "this key is missing"
         case "value_error":
-            return _printable(first["msg"].removeprefix(OURS), 400)
-    return f"{_printable(first['msg'], 200)}, not {_printable(repr(first['input']), SHOWN_LETTERS)}"
+            return printable(first["msg"].removeprefix(OURS), 400)
+    return f"{printable(first['msg'], 200)}, not {printable(repr(first['input']), SHOWN_LETTERS)}"
 
 
 def _name(place: Place) -> str:
-    return _printable(".".join(str(part) for part in place), SHOWN_LETTERS) or "the file"
+    return printable(".".join(str(part) for part in place), SHOWN_LETTERS) or "the file"
 
 
-def _printable(text: str, letters: int) -> str:
+def printable(text: str, letters: int) -> str:
     """Return `text` on one line of at most `letters`, without control characters."""
     line = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
     return line if len(line) <= letters else f"{line[:letters]}..."
 
 
-def write(path: Path, data: Data) -> None:
-    """Write one JSON file, whole or not at all."""
-    write_bytes(path, (data.model_dump_json(indent=1) + "\n").encode())
+def write(path: Path, data: Data, *, own: bool = False) -> None:
+    """Write one JSON file, whole or not at all; `own` as for `write_bytes`."""
+    write_bytes(path, (data.model_dump_json(indent=1) + "\n").encode(), own=own)
 
 
 STREAMS: Final = (Path("/dev"), Path("/dev/fd"))  # not /dev/shm, which may hold folders of runs
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes, *, own: bool = False) -> None:
     """Write a temporary file beside `path`, flush it to the disk, and rename it.
 
     A link is followed; a device or a pipe, such as /dev/stdout, is written to instead of replaced.
+
+    Args:
+        path: The file.
+        content: All of it.
+        own: Whether the file belongs to a run's folder: then whatever has its name, a link too, is replaced.
     """
+    if own:
+        _replace(path.absolute(), content)
+        return
     if path.parent in STREAMS or (path.exists() and not path.is_file()):
         with path.open("ab") as stream:  # appends, if standard output is redirected to a file
             stream.write(content)
         return
-    path = path.resolve()
+    _replace(path.resolve(), content)
+
+
+def _replace(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:

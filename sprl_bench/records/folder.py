@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
+import functools
+import logging
 import os
 import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
+
+logger = logging.getLogger("sprl_bench")
 
 RECORD: Final = "record.json"
 EPISODES: Final = "episodes.parquet"
@@ -22,6 +27,7 @@ ERROR: Final = "error.txt"
 OUTPUT: Final = "output.txt"
 LOCK: Final = ".lock"
 
+NO_LOCKS: Final = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 PATIENCE_S: Final = 0.5  # `is_locked` takes the lock for a moment
 
 
@@ -30,9 +36,49 @@ def run_path(suite: str, task: str, agent: str, seed: int | str) -> Path:
     return Path(suite, task, agent, f"seed-{seed}")
 
 
+def find_files(root: Path, name: str) -> list[Path]:
+    """Return all files of a name below a folder, sorted. Linked folders are searched too, each folder once.
+
+    Raises:
+        PermissionError: A folder may not be read.
+    """
+    found, seen = [], set[tuple[int, int]]()
+    for folder, folders, files in os.walk(root, onerror=_raise, followlinks=True):
+        status = Path(folder).stat()
+        if (status.st_dev, status.st_ino) in seen:
+            folders.clear()
+            continue
+        seen.add((status.st_dev, status.st_ino))
+        if name in files:
+            found.append(Path(folder, name))
+    return sorted(found)
+
+
+def _raise(error: OSError) -> None:
+    raise error
+
+
+def open_own(path: Path, flags: int) -> int:
+    """Open a file of a run's folder, and return its descriptor. A link is never followed.
+
+    Raises:
+        LinkedFileError: The file is a link.
+    """
+    try:
+        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        if error.errno != errno.ELOOP:
+            raise
+        raise LinkedFileError(f"{path} is a link; it must be a file. A run's whole folder may be a link.") from None
+
+
 def seeds_beside(folder: Path) -> list[Path]:
     """Return the folders of all seeds of a run's suite, task and agent, its own included."""
     return sorted(folder.parent.glob(run_path("", "", "", "*").name))
+
+
+class LinkedFileError(OSError):
+    """A file inside a run's folder is a link to somewhere else."""
 
 
 class LockedError(RuntimeError):
@@ -68,9 +114,9 @@ def _acquire(folder: Path) -> int:
 
 def _try(path: Path) -> int | None:
     """Return an open, locked file, or None if another process holds the lock."""
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    descriptor = open_own(path, os.O_RDWR | os.O_CREAT)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _flock(descriptor, fcntl.LOCK_EX)
         # The process that held it may have removed the file between our opening and locking it.
         if path.exists() and path.stat().st_ino == os.fstat(descriptor).st_ino:
             return descriptor
@@ -89,11 +135,11 @@ def _holder(folder: Path) -> str:
 def is_locked(folder: Path) -> bool:
     """Return whether a process works in this folder."""
     try:
-        descriptor = os.open(folder / LOCK, os.O_RDWR)
-    except FileNotFoundError:
+        descriptor = open_own(folder / LOCK, os.O_RDONLY)
+    except (FileNotFoundError, PermissionError, LinkedFileError):  # whoever may not open it cannot ask
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        _flock(descriptor, fcntl.LOCK_SH)
     except BlockingIOError:
         return True
     finally:
@@ -101,8 +147,35 @@ def is_locked(folder: Path) -> bool:
     return False
 
 
+def _flock(descriptor: int, operation: int) -> None:
+    """Lock a file without waiting; where the file system has no locks, do nothing but warn once.
+
+    Raises:
+        BlockingIOError: Another process holds the lock.
+    """
+    try:
+        fcntl.flock(descriptor, operation | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        _warn_of_no_locks()
+
+
+@functools.cache
+def _warn_of_no_locks() -> None:
+    logger.warning("The file system of the runs has no locks; never let two processes work on the same run there.")
+
+
+def tidy(folder: Path) -> None:
+    """Remove what a process that was killed left beside a finished record; do nothing while a process works there."""
+    if (folder / CHECKPOINT).exists() or any(folder.glob(".*.*")):
+        with contextlib.suppress(LockedError), lock(folder):
+            (folder / CHECKPOINT).unlink(missing_ok=True)
+            remove_leftovers(folder)
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove the temporary files of a process that was killed while writing; the caller holds the lock."""
-    for name in (RECORD, EPISODES, CHECKPOINT, WEIGHTS, SPEC):
+    for name in (RECORD, EPISODES, CHECKPOINT, WEIGHTS, SPEC, ERROR):
         for path in folder.glob(f".{name}.*"):
             path.unlink()

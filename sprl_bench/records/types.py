@@ -19,7 +19,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, Validati
 
 from sprl_bench import scores
 from sprl_bench.records.files import Data, first_complaint, read
-from sprl_bench.records.folder import RECORD, run_path
+from sprl_bench.records.folder import RECORD, find_files, run_path
 from sprl_bench.tasks import Suite, Task
 
 SHOWN_LETTERS = 60
@@ -351,4 +351,4 @@ def find_recorded(root: Path) -> list[tuple[Path, RunRecord]]:
     """Return the folder and the record of each run that has one, as `find_records` does."""
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    return [(path.parent, read(path, RunRecord)) for path in sorted(root.rglob(RECORD))]
+    return [(path.parent, read(path, RunRecord)) for path in find_files(root, RECORD)]

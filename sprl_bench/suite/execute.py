@@ -7,15 +7,27 @@ import logging
 import os
 import sys
 import traceback
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final, Literal
 
 from sprl_bench.executors import Executor, WorkerDiedError
-from sprl_bench.records import RunRecord, RunSpec, differences, read, write, write_bytes
-from sprl_bench.records.folder import CHECKPOINT, ERROR, OUTPUT, RECORD, SPEC, LockedError, is_locked, seeds_beside
+from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, differences, read, write, write_bytes
+from sprl_bench.records.files import printable
+from sprl_bench.records.folder import (
+    CHECKPOINT,
+    ERROR,
+    OUTPUT,
+    RECORD,
+    SPEC,
+    LockedError,
+    is_locked,
+    lock,
+    seeds_beside,
+    tidy,
+)
 from sprl_bench.resume import SpecChangedError, find_finished
 from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.tasks import too_wide
@@ -23,6 +35,8 @@ from sprl_bench.tasks import too_wide
 logger = logging.getLogger("sprl_bench")
 
 SHOWN: Final = 3  # differences in one message
+SHOWN_LETTERS: Final = 400  # of an error on one line
+LONGEST: Final = 200_000  # letters of a traceback that are kept: its end
 
 RunKey = tuple[str, str, str, int]
 
@@ -63,21 +77,21 @@ def run_suite(
     A run that fails writes its traceback to its folder; the others continue. `log` and `keep_actions` are those of
     `sprl_bench.run.run`.
 
+    A run whose folder is broken, or may not be written to, fails alone.
+
     Raises:
         SpecChangedError: There are results under the same name with another spec. No run was started.
-        InvalidFileError: A file there is broken. No run was started.
     """
     out = out.absolute()  # workers may have another working directory
     _refuse_changes(specs, out)
     _warn_of_width(specs)
-    waiting = [spec for spec in specs if find_finished(spec.path(out), spec) is None]
-    for spec in waiting:
-        write(spec.path(out) / SPEC, spec)
+    planned = {_key(spec): _planned(spec, out) for spec in specs}
+    waiting = [spec for spec in specs if planned[_key(spec)] is None]
     outcomes: dict[RunKey, Outcome] = {}
     observer.started(specs, out)
     try:
         attempt = partial(_attempt, out=out, log=log, keep_actions=keep_actions)
-        with contextlib.closing(_work_on(specs, waiting, out, executor, attempt)) as work:
+        with contextlib.closing(_work_on(planned.values(), waiting, out, executor, attempt)) as work:
             for outcome in work:
                 outcomes[_key(outcome.spec)] = outcome
                 observer.ended(outcome)
@@ -90,15 +104,28 @@ def _key(spec: RunSpec) -> RunKey:
     return spec.suite, spec.task.name, spec.agent, spec.seed
 
 
+def _planned(spec: RunSpec, out: Path) -> Outcome | None:
+    """Lay down the spec of a run that waits; return the outcome of one that is finished, or cannot begin."""
+    folder = spec.path(out)
+    try:
+        if find_finished(folder, spec) is not None:
+            tidy(folder)
+            return Outcome(spec, "skipped")
+        with contextlib.suppress(LockedError), lock(folder):  # whoever holds it has laid down the same
+            write(folder / SPEC, spec, own=True)
+    except (OSError, InvalidFileError) as error:  # the others go on
+        return Outcome(spec, "failed", _line_of(error))
+    return None
+
+
 def _work_on(
-    specs: Sequence[RunSpec],
+    planned: Iterable[Outcome | None],
     waiting: Sequence[RunSpec],
     out: Path,
     executor: Executor,
     attempt: Callable[[RunSpec], Outcome],
 ) -> Generator[Outcome]:
-    left = {_key(spec) for spec in waiting}
-    yield from (Outcome(spec, "skipped") for spec in specs if _key(spec) not in left)
+    yield from (outcome for outcome in planned if outcome is not None)
     for spec, result in executor.map(attempt, waiting):
         if isinstance(result, WorkerDiedError):
             _leave_error(spec, out, f"{result}\n")
@@ -110,7 +137,15 @@ def _work_on(
 def _leave_error(spec: RunSpec, out: Path, text: str) -> None:
     """Write down why a run failed, if the folder can be written to."""
     with contextlib.suppress(OSError):
-        write_bytes(spec.path(out) / ERROR, text.encode())
+        write_bytes(spec.path(out) / ERROR, text[-LONGEST:].encode(errors="backslashreplace"), own=True)
+
+
+def _line_of(error: Exception) -> str:
+    """Return an error's message on one printable line."""
+    text = str(error) or type(error).__name__
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}."
+    return printable(text.encode(errors="backslashreplace").decode(), SHOWN_LETTERS)
 
 
 def _attempt(spec: RunSpec, out: Path, log: str, keep_actions: bool) -> Outcome:
@@ -123,7 +158,7 @@ def _attempt(spec: RunSpec, out: Path, log: str, keep_actions: bool) -> Outcome:
         return Outcome(spec, "failed", str(error))
     except Exception as error:  # an agent may raise anything; the other runs continue
         _leave_error(spec, out, traceback.format_exc())
-        return Outcome(spec, "failed", f"{type(error).__name__}: {error}".partition("\n")[0])
+        return Outcome(spec, "failed", printable(f"{type(error).__name__}: {_line_of(error)}", SHOWN_LETTERS))
     return Outcome(spec, "finished")
 
 
@@ -171,7 +206,8 @@ def _warn_of_width(specs: Sequence[RunSpec]) -> None:
 def _begun(folder: Path) -> Iterator[tuple[Path, RunSpec]]:
     """Yield the folder and the spec of each seed beside `folder` that has results or is running."""
     for place in seeds_beside(folder):
-        if (place / RECORD).exists():
-            yield place, read(place / RECORD, RunRecord).spec
-        elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):
-            yield place, read(place / SPEC, RunSpec)
+        with contextlib.suppress(OSError, InvalidFileError):  # a broken one stops itself alone
+            if (place / RECORD).exists():
+                yield place, read(place / RECORD, RunRecord).spec
+            elif (place / SPEC).exists() and ((place / CHECKPOINT).exists() or is_locked(place)):
+                yield place, read(place / SPEC, RunSpec)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
-from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, is_locked
+from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_files, is_locked
 
 TAIL_BYTES: Final = 1 << 15
 
@@ -56,7 +56,7 @@ def survey(out: Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunS
     if not out.exists():
         raise FileNotFoundError(f"{out} does not exist.")
     root = _normal(out)
-    folders = {path.parent for name in (SPEC, RECORD) for path in root.rglob(name)}
+    folders = {path.parent for name in (SPEC, RECORD) for path in find_files(root, name)}
     finished = {_normal(folder): record for folder, record in known if record.status == "complete"}
     return [_finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)]
 
@@ -126,4 +126,12 @@ def _last_lines(path: Path) -> list[dict[str, Any]]:
             lines = file.read().split(b"\n")
     except FileNotFoundError:
         return []
-    return [json.loads(line) for line in lines[1 if start else 0 : -1] if line.endswith(b"}")]
+    return [line for line in map(_parsed, lines[1 if start else 0 : -1]) if line]
+
+
+def _parsed(line: bytes) -> dict[str, Any]:
+    """Return a line of diagnostics; empty if it is broken, which is no reason to show nothing."""
+    try:
+        return dict(json.loads(line))
+    except (ValueError, TypeError):
+        return {}
