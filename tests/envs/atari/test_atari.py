@@ -171,10 +171,11 @@ def test_an_episode_begins_after_0_to_30_frames_without_an_action(short_blocks: 
     assert len(set(counts)) > 12
 
 
+@pytest.mark.parametrize("steps", [250, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("env_id", IDS)
-def test_it_is_ale_pys_own_vector_environment(env_id: str) -> None:
-    """The same seeds and actions give the same arrays, over the episodes of a block."""
-    steps = 250
+def test_it_is_ale_pys_own_vector_environment(env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same seeds and actions give the same arrays, over all episodes of a block."""
+    monkeypatch.setattr(emulators_module, "BLOCK", 10**6)
     engine = _engine(env_id, 2, num_threads=1)
     mine, _ = engine.reset(seed=11)
     emulators = engine._emulators
