@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks import agents, fetch, fetch_learner, grid, learner, workers
+from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, workers
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
 ROOMS = {
     "agents": agents.rows,
+    "atari": atari.rows,
     "fetch": fetch.rows,
     "fetch-learner": fetch_learner.rows,
     "grid": grid.rows,

@@ -18,6 +18,7 @@ from sprl_bench.extras import require_extra
 from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_recorded, find_records
 from sprl_bench.records.folder import EPISODES
 from sprl_bench.tables import Result
+from sprl_bench.tasks import REFERENCES
 
 if TYPE_CHECKING:  # the extra `plots`
     from pandas import DataFrame
@@ -46,6 +47,21 @@ def runs(root: str | Path) -> DataFrame:
         ValueError: The folder has no run.
     """
     return _frame(_run_row(record) for record in find_records(Path(root)))
+
+
+def human_normalized(root: str | Path) -> DataFrame:
+    """Return one row a run of an Atari game: its scores on a scale of 0 for random and 1 for human play.
+
+    Columns: `auc` and `final`. The references are those of `sprl_bench.tasks.REFERENCES`, of which every environment
+    has its own. The argument and the errors are those of `runs`.
+    """
+    known = [one for one in find_records(Path(root)) if one.spec.task.env_id in REFERENCES]
+    return _frame({**_key(one.spec), **_human_normalized(one)} for one in known)
+
+
+def _human_normalized(record: RunRecord) -> dict[str, float]:
+    reference = REFERENCES[record.spec.task.env_id]
+    return {name: float(scores.normalized(getattr(record.scores, name), reference)) for name in ("auc", "final")}
 
 
 def hyperparameters(root: str | Path) -> DataFrame:

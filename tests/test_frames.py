@@ -72,6 +72,17 @@ def test_hyperparameters_are_missing_where_an_agent_has_none(trained: Path) -> N
     assert list(kinds.values()) == ["Int64", "Float64", "boolean", "string"]
 
 
+def test_atari_scores_are_normalised_by_random_and_human_play(
+    make_record: Callable[..., RunRecord], write_runs: WriteRuns, trained: Path
+) -> None:
+    levels = {"Freeway": 14.8, "Hero": 1027.0}
+    root = write_runs([make_record("ppo", task, suite="atari", level=level) for task, level in levels.items()])
+    found = frames.human_normalized(root)
+    assert found["auc"].tolist() == found["final"].tolist() == [0.5, 0.0]
+    with pytest.raises(ValueError, match="no run"):
+        frames.human_normalized(trained)
+
+
 def test_curves_episodes_and_metrics_are_the_files(trained: Path) -> None:
     [one, *_] = expand(find_suite("smoke"), ["ppo+num_envs=6"], [3], budget=1600)
     record, place = run(one, trained), ("custom", "FourRooms-7x7-1600", "ppo+num_envs=6", 3)

@@ -129,9 +129,15 @@ def _draw_panel(axes: Axes, runs: Sequence[Result], looks: Mapping[str, Look]) -
 
 
 def _range(runs: Sequence[Result]) -> tuple[float, float]:
-    """Return the range of one task's scores, widened to the returns: in a task of no suite they may leave it."""
-    values = [value for run in runs for value in (*run.task.score_range, min(run.return_curve), max(run.return_curve))]
-    return min(values), max(values)
+    """Return the range of one task's scores, widened to the returns: in a task of no suite they may leave it.
+
+    A range that reaches far beyond all returns, such as that of an Atari game, is cut to these.
+    """
+    reached = [value for run in runs for value in (min(run.return_curve), max(run.return_curve))]
+    ends = [value for run in runs for value in run.task.score_range]
+    if max(ends) > 1 and 0 < max(reached) < max(ends) / 10:
+        return min(*ends, *reached), max(reached)
+    return min(*ends, *reached), max(*ends, *reached)
 
 
 def _draw_agent(axes: Axes, curves: scores.Array, budget: int, look: Look) -> None:

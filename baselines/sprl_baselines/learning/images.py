@@ -43,7 +43,7 @@ def image_shape(space: Space[Any]) -> ImageShape | None:
 
 
 class Pixels(nn.Module):
-    """Divides pixels by 255 and puts channels first.
+    """Divides pixels by 255 and puts channels first, in channels-last memory: convolutions are faster there.
 
     Args:
         shape: Of the images.
@@ -56,7 +56,8 @@ class Pixels(nn.Module):
     def forward(self, images: Tensor) -> Tensor:
         """`[B, H, W, C]` or `[B, C, H, W]`, uint8 or differences of such -> `[B, C, H, W]` float32."""
         scaled = images.float() / BRIGHTEST
-        return scaled if self._channels_first else scaled.permute(0, 3, 1, 2)
+        ordered = scaled if self._channels_first else scaled.permute(0, 3, 1, 2)
+        return ordered.contiguous(memory_format=torch.channels_last)
 
 
 def nature_convolutions(shape: ImageShape, generator: torch.Generator) -> tuple[list[nn.Module], int]:

@@ -67,8 +67,8 @@ class AtariEngine(BatchedEnv):
     def _advance(self, actions: NDArray[np.int64]) -> None:
         is_running = ~self._ended
         outcome = self._emulators.step(actions, is_running)
-        self._observations[...] = outcome.observations
-        self._rewards[:] = np.where(is_running, outcome.rewards, 0.0)
+        self._observations = outcome.observations  # a new array in each step, so no copy is needed
+        self._rewards[:] = outcome.rewards * is_running
         self._terminations[:] = outcome.terminated
         self._truncations[:] = (self._elapsed >= HORIZON) & is_running & ~self._terminations
         self._is_success |= self._rewards > 0
@@ -79,7 +79,10 @@ class AtariEngine(BatchedEnv):
             raise TypeError(
                 f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
             )
-        wrong = np.flatnonzero(((given < 0) | (given >= NUM_ACTIONS)) & ~self._ended)
+        is_wrong = (given < 0) | (given >= NUM_ACTIONS)
+        if not is_wrong.any():
+            return given
+        wrong = np.flatnonzero(is_wrong & ~self._ended)
         if len(wrong):
             raise ValueError(
                 f"actions[{wrong[0]}] is {given[wrong[0]]}; it must be an integer from 0 to {NUM_ACTIONS - 1}."

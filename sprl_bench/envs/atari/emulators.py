@@ -113,7 +113,7 @@ class Emulators:
         observations = self.newest
         if self._same_step and terminated.any():
             observations = np.where(terminated[:, None, None, None], infos["final_obs"], self.newest)
-        if not is_running.all():
+        if len(running) < self.size:
             self._reset_late()
             observations = self.newest
         self._is_over = terminated & is_running
@@ -124,7 +124,8 @@ class Emulators:
         self._interface.send(np.ascontiguousarray(actions, np.int32), self._strengths)
         self.newest, rewards, terminated, _, infos = self._interface.recv()
         started = terminated if self._same_step else is_first
-        self.no_ops[started] = infos["episode_frame_number"][started]
+        if started.any():
+            self.no_ops[started] = infos["episode_frame_number"][started]
         return rewards, terminated, infos
 
     def _reset_late(self) -> None:

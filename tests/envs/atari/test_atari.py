@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -20,6 +22,8 @@ from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv
 
 import sprl_bench  # noqa: F401 - registers the ids
 from sprl_bench.envs import ATARI_IDS as IDS
+from sprl_bench.run import InterruptedRunError, run
+from sprl_bench.suite import expand
 from sprl_bench.tasks import REFERENCES, SUITES
 
 ale_py = pytest.importorskip("ale_py")
@@ -167,10 +171,11 @@ def test_an_episode_begins_after_0_to_30_frames_without_an_action(short_blocks: 
     assert len(set(counts)) > 12
 
 
+@pytest.mark.parametrize("steps", [250, pytest.param(10_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("env_id", IDS)
-def test_it_is_ale_pys_own_vector_environment(env_id: str) -> None:
-    """The same seeds and actions give the same arrays, over the episodes of a block."""
-    steps = 250
+def test_it_is_ale_pys_own_vector_environment(env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same seeds and actions give the same arrays, over all episodes of a block."""
+    monkeypatch.setattr(emulators_module, "BLOCK", 10**6)
     engine = _engine(env_id, 2, num_threads=1)
     mine, _ = engine.reset(seed=11)
     emulators = engine._emulators
@@ -385,3 +390,24 @@ def test_every_game_is_a_task_and_has_published_references() -> None:
     for task in SUITES["atari"].tasks:
         low, high = task.score_range
         assert low <= REFERENCES[task.env_id][0] < REFERENCES[task.env_id][1] < high
+
+
+def test_an_interrupted_run_resumes_exactly(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    small = {"num_envs": 2, "rollout_length": 16, "epochs": 1, "minibatches": 1}
+    (spec,) = expand(SUITES["atari-smoke"], ["ppo"], [0], tasks=["MsPacman"], budget=128, overrides=small, device="cpu")
+
+    def lines(folder: Path) -> list[dict[str, Any]]:
+        written = (spec.path(folder) / "metrics.jsonl").read_text().splitlines()
+        return [{**json.loads(line), "wall_time_s": 0} for line in written]
+
+    whole = run(spec, tmp_path / "whole")
+    with pytest.raises(InterruptedRunError, match="continues from there"):
+        run(spec, tmp_path / "halves", stop=lambda: True)
+    halves = run(spec, tmp_path / "halves")
+    assert lines(tmp_path / "halves") == lines(tmp_path / "whole")
+    assert (halves.return_curve, halves.totals, halves.fingerprint) == (
+        whole.return_curve,
+        whole.totals,
+        whole.fingerprint,
+    )
