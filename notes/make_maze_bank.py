@@ -1,0 +1,27 @@
+"""Write the mazes' layouts, with DeepMind Lab's generator: `pip install labmaze==1.0.6; python notes/make_maze_bank.py`."""
+
+from __future__ import annotations
+
+import labmaze
+import numpy as np
+
+from sprl_bench.envs.maze.levels import LEVELS, NUM_LAYOUTS, Level
+from sprl_bench.envs.maze.maze_bank import Layouts, bank_file, from_text, pack
+
+
+def generate(level: Level, seed: int) -> Layouts:
+    """Return the layout of one of the generator's seeds, uint8 [S, S]."""
+    maze = labmaze.RandomMaze(**level.generator, random_seed=seed)
+    return from_text(str(maze.entity_layer), str(maze.variations_layer))
+
+
+def main() -> None:
+    """Write the file of every level."""
+    for level in LEVELS.values():
+        made = np.array([generate(level, seed) for seed in range(NUM_LAYOUTS)])
+        bank_file(level.name).write_bytes(pack(made))
+        print(level.name, bank_file(level.name).stat().st_size, "bytes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,256 @@
+"""The first-person picture: a column raycaster in integers, so that all processors draw the same bits.
+
+The picture is 84 x 84 with a field of view of 90 degrees. The eye is half a cell above the floor, halfway to the
+ceiling, so row y of the upper half and row 83 - y of the lower half see the same distance. Depths are measured along
+the agent's direction, in 1/65,536 of a cell.
+
+A look is what was drawn for one episode: for each surface a pattern and a colour, and a key that decides which walls
+carry a painting.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sprl_bench.envs.compiled import inline, kernel
+from sprl_bench.envs.maze.directions import COSINES, SCALE_BITS, SINES
+from sprl_bench.envs.maze.levels import CORRIDOR, GOAL, NOTHING, WALL
+from sprl_bench.envs.maze.motion import CELL, CELL_BITS, Cells, Integers
+from sprl_bench.envs.maze.textures import PATTERNS, SPRITE_TEXELS, SPRITES, TEXELS
+
+SIDE: Final = 84  # pixels
+_HALF: Final = SIDE // 2
+
+RAY_BITS: Final = 17
+"""A ray's components are lengths in cells for each cell of depth, times two to this power."""
+_TEXEL_BITS: Final = CELL_BITS - 5
+_INSIDE: Final = CELL - 1
+_SCREEN: Final = _HALF << 8  # half of the picture's width, in 1/256 pixel
+_NEAR: Final = CELL // 64
+_SPRITE_NEAR: Final = CELL // 10
+_FADE_BITS: Final = 10  # with fog, light is lost over 2 ** (8 + 10) / 65,536 = 4 cells
+_DIM: Final = 200  # light, of 256, on the walls that run along x
+
+# Surfaces of a look: floor, ceiling, walls of corridors and of rooms, and then paintings.
+FLOOR_SURFACE: Final = 0
+CEILING_SURFACE: Final = 1
+CORRIDOR_SURFACE: Final = 2
+ROOM_SURFACE: Final = 3
+FIRST_PAINTING: Final = 4
+PAINTINGS: Final = 4
+NUM_SURFACES: Final = FIRST_PAINTING + PAINTINGS
+SURFACE_VALUES: Final = 4  # pattern, red, green, blue
+LOOK_KEY: Final = NUM_SURFACES * SURFACE_VALUES
+LOOK_VALUES: Final = LOOK_KEY + 1
+KEY_BITS: Final = 24
+
+# Half of the side of a thing, and how far its centre is below the eye.
+_SPRITE_HALVES: Final = (0, 26 * CELL // 100, 18 * CELL // 100, 18 * CELL // 100)
+_SPRITE_DROP: Final = 15 * CELL // 100
+
+_ACROSS: Final = np.array([round((2 * c + 1 - SIDE) * (1 << SCALE_BITS) / SIDE) for c in range(SIDE)], np.int64)
+_FLOOR_DEPTHS: Final = np.array([(_HALF << CELL_BITS) // (SIDE - 1 - 2 * y) for y in range(_HALF)], np.int64)
+
+
+class Columns(NamedTuple):
+    """Scratch space of one picture: what is seen in each of its columns, int64 [84] each."""
+
+    depth: Integers
+    top: Integers  # the first row of the wall
+    texels: Integers  # the first texel of its column in all patterns
+    red: Integers
+    green: Integers
+    blue: Integers
+    ray_x: Integers
+    ray_y: Integers
+
+
+class Hit(NamedTuple):
+    """Where a ray meets a wall."""
+
+    depth: int
+    x: int  # cell of the wall
+    y: int
+    side: int  # of its four faces: 0 west, 1 east, 2 north, 3 south
+
+
+@inline
+def new_columns() -> Columns:
+    """Allocate scratch space."""
+    space = np.zeros((8, SIDE), np.int64)
+    return Columns(space[0], space[1], space[2], space[3], space[4], space[5], space[6], space[7])
+
+
+@inline
+def ray_of(angle: int, column: int) -> tuple[int, int]:
+    """Return the ray (x, y) of a column."""
+    cosine, sine, across = COSINES[angle], SINES[angle], _ACROSS[column]
+    shift = 2 * SCALE_BITS - RAY_BITS
+    return ((cosine << SCALE_BITS) - sine * across) >> shift, ((sine << SCALE_BITS) + cosine * across) >> shift
+
+
+@inline
+def cast(cells: Cells, row: int, x: int, y: int, ray_x: int, ray_y: int) -> Hit:
+    """Follow a ray from (x, y) from cell to cell, always through a face, to the first wall."""
+    cell_x, cell_y = x >> CELL_BITS, y >> CELL_BITS
+    step_x, step_y = 1 if ray_x > 0 else -1, 1 if ray_y > 0 else -1
+    per_x = (1 << CELL_BITS + RAY_BITS) // max(abs(ray_x), 1)  # depth for each cell along x
+    per_y = (1 << CELL_BITS + RAY_BITS) // max(abs(ray_y), 1)
+    next_x = ((CELL - (x & _INSIDE) if ray_x > 0 else x & _INSIDE) * per_x) >> CELL_BITS
+    next_y = ((CELL - (y & _INSIDE) if ray_y > 0 else y & _INSIDE) * per_y) >> CELL_BITS
+    while True:
+        if next_x < next_y:
+            cell_x += step_x
+            if cells[row, cell_y, cell_x] == WALL:
+                return Hit(next_x, cell_x, cell_y, 0 if ray_x > 0 else 1)
+            next_x += per_x
+        else:
+            cell_y += step_y
+            if cells[row, cell_y, cell_x] == WALL:
+                return Hit(next_y, cell_x, cell_y, 2 if ray_y > 0 else 3)
+            next_y += per_y
+
+
+@inline
+def _surface(cells: Cells, row: int, hit: Hit, key: int) -> int:
+    """Return the surface of a wall's face: a painting on a quarter of them, else by the kind of space before it."""
+    face = (hit.y * cells.shape[2] + hit.x) * 4 + hit.side
+    mixed = ((key ^ (face * 40503)) * 2654435761) & 0xFFFFFFFF
+    if mixed >> 30 == 0:
+        return FIRST_PAINTING + ((mixed >> 20) % PAINTINGS)
+    open_x, open_y = hit.x - (hit.side == 0) + (hit.side == 1), hit.y - (hit.side == 2) + (hit.side == 3)
+    return CORRIDOR_SURFACE if cells[row, open_y, open_x] == CORRIDOR else ROOM_SURFACE
+
+
+@inline
+def _light(depth: int, fog: bool) -> int:
+    """Return the light, of 256, that comes from a depth."""
+    return max(256 - (depth >> _FADE_BITS), 0) if fog else 256
+
+
+@inline
+def _see(columns: Columns, cells: Cells, poses: Integers, looks: Integers, row: int, fog: bool) -> None:
+    """Cast the rays of one row's agent, and fill `columns`."""
+    x, y, angle = poses[row, 0], poses[row, 1], poses[row, 2]
+    for column in range(SIDE):
+        ray_x, ray_y = ray_of(angle, column)
+        hit = cast(cells, row, x, y, ray_x, ray_y)
+        depth = max(hit.depth, _NEAR)
+        along = y + (depth * ray_y >> RAY_BITS) if hit.side < 2 else x + (depth * ray_x >> RAY_BITS)
+        surface = _surface(cells, row, hit, looks[row, LOOK_KEY]) * SURFACE_VALUES
+        light = _light(depth, fog) * (256 if hit.side < 2 else _DIM) >> 8
+        columns.depth[column] = depth
+        columns.top[column] = max((SIDE - (_HALF << CELL_BITS) // depth) >> 1, 0)
+        columns.texels[column] = (looks[row, surface] * TEXELS + ((along & _INSIDE) >> _TEXEL_BITS)) * TEXELS
+        columns.red[column] = looks[row, surface + 1] * light >> 8
+        columns.green[column] = looks[row, surface + 2] * light >> 8
+        columns.blue[column] = looks[row, surface + 3] * light >> 8
+        columns.ray_x[column], columns.ray_y[column] = ray_x, ray_y
+
+
+@inline
+def _paint(
+    frames: Cells, columns: Columns, patterns: Cells, poses: Integers, looks: Integers, row: int, fog: bool
+) -> None:
+    """Paint floor, ceiling and walls, two mirrored rows at a time."""
+    x, y = poses[row, 0], poses[row, 1]
+    floor, ceiling = FLOOR_SURFACE * SURFACE_VALUES, CEILING_SURFACE * SURFACE_VALUES
+    floor_texels, ceiling_texels = looks[row, floor] * TEXELS * TEXELS, looks[row, ceiling] * TEXELS * TEXELS
+    for high in range(_HALF):
+        low = SIDE - 1 - high
+        distance = SIDE - 1 - 2 * high  # from the horizon, in half pixels
+        depth = _FLOOR_DEPTHS[high]
+        light = _light(depth, fog)
+        floor_red, floor_green = looks[row, floor + 1] * light >> 8, looks[row, floor + 2] * light >> 8
+        floor_blue, ceiling_red = looks[row, floor + 3] * light >> 8, looks[row, ceiling + 1] * light >> 8
+        ceiling_green, ceiling_blue = looks[row, ceiling + 2] * light >> 8, looks[row, ceiling + 3] * light >> 8
+        for column in range(SIDE):
+            if high < columns.top[column]:
+                across = (x + (depth * columns.ray_x[column] >> RAY_BITS)) >> _TEXEL_BITS & TEXELS - 1
+                down = (y + (depth * columns.ray_y[column] >> RAY_BITS)) >> _TEXEL_BITS & TEXELS - 1
+                texel = across * TEXELS + down
+                bright = patterns[ceiling_texels + texel]
+                frames[row, high, column, 0] = ceiling_red * bright >> 8
+                frames[row, high, column, 1] = ceiling_green * bright >> 8
+                frames[row, high, column, 2] = ceiling_blue * bright >> 8
+                bright = patterns[floor_texels + texel]
+                frames[row, low, column, 0] = floor_red * bright >> 8
+                frames[row, low, column, 1] = floor_green * bright >> 8
+                frames[row, low, column, 2] = floor_blue * bright >> 8
+            else:
+                height = distance * columns.depth[column] // SIDE  # above the eye
+                texel = (CELL // 2 - 1 - min(height, CELL // 2 - 1)) >> _TEXEL_BITS
+                red, green, blue = columns.red[column], columns.green[column], columns.blue[column]
+                bright = patterns[columns.texels[column] + texel]
+                frames[row, high, column, 0] = red * bright >> 8
+                frames[row, high, column, 1] = green * bright >> 8
+                frames[row, high, column, 2] = blue * bright >> 8
+                bright = patterns[columns.texels[column] + TEXELS - 1 - texel]
+                frames[row, low, column, 0] = red * bright >> 8
+                frames[row, low, column, 1] = green * bright >> 8
+                frames[row, low, column, 2] = blue * bright >> 8
+
+
+@inline
+def _paint_thing(frames: Cells, depths: Integers, row: int, kind: int, depth: int, aside: int, fog: bool) -> None:
+    """Paint one thing at a depth, where it is nearer than the wall; `aside` is how far it is to the right."""
+    half = _SCREEN * _SPRITE_HALVES[kind] // depth
+    left = _SCREEN + _SCREEN * aside // depth - half
+    top = _SCREEN + _SCREEN * (0 if kind == GOAL else _SPRITE_DROP) // depth - half
+    light = _light(depth, fog)
+    for column in range(max(left >> 8, 0), min((left + 2 * half >> 8) + 1, SIDE)):
+        across = ((column << 8) + 128 - left) * SPRITE_TEXELS // (2 * half)
+        if depth >= depths[column] or not 0 <= across < SPRITE_TEXELS:
+            continue
+        for line in range(max(top >> 8, 0), min((top + 2 * half >> 8) + 1, SIDE)):
+            down = ((line << 8) + 128 - top) * SPRITE_TEXELS // (2 * half)
+            if 0 <= down < SPRITE_TEXELS and SPRITES[kind, down, across, 3]:
+                for channel in range(3):
+                    frames[row, line, column, channel] = SPRITES[kind, down, across, channel] * light >> 8
+
+
+@inline
+def _paint_things(frames: Cells, depths: Integers, poses: Integers, things: Integers, row: int, fog: bool) -> None:
+    """Paint the things before the agent, the farthest first."""
+    cosine, sine = COSINES[poses[row, 2]], SINES[poses[row, 2]]
+    before = np.int64(1) << 60
+    while True:
+        nearest_to, aside, kind = np.int64(0), np.int64(0), np.int64(0)
+        for thing in range(things.shape[1]):
+            x = (things[row, thing, 0] << CELL_BITS) + CELL // 2 - poses[row, 0]
+            y = (things[row, thing, 1] << CELL_BITS) + CELL // 2 - poses[row, 1]
+            # Equal depths are told apart by the number of the thing.
+            depth = (((x * cosine + y * sine) >> SCALE_BITS) << 4) + thing
+            if things[row, thing, 2] != NOTHING and nearest_to < depth < before:
+                nearest_to, kind, aside = depth, things[row, thing, 2], (y * cosine - x * sine) >> SCALE_BITS
+        if nearest_to >> 4 < _SPRITE_NEAR:
+            return
+        _paint_thing(frames, depths, row, kind, nearest_to >> 4, aside, fog)
+        before = nearest_to
+
+
+@kernel
+def draw(
+    frames: Cells, columns: Columns, cells: Cells, poses: Integers, things: Integers, looks: Integers, row: int, fog: bool
+) -> None:
+    """Draw the picture of one row, `frames[row]` [84, 84, 3].
+
+    Args:
+        frames: uint8 [N, 84, 84, 3].
+        columns: Scratch space.
+        cells: uint8 [N, S, S].
+        poses: int64 [N, 5]: x, y, angle and velocity.
+        things: int64 [N, T, 3]: x, y, kind.
+        looks: int64 [N, LOOK_VALUES].
+        row: Which one.
+        fog: Whether light fades with depth.
+    """
+    _see(columns, cells, poses, looks, row, fog)
+    _paint(frames, columns, _TEXTURES, poses, looks, row, fog)
+    _paint_things(frames, columns.depth, poses, things, row, fog)
+
+
+_TEXTURES: Final = PATTERNS.reshape(-1)
