@@ -317,10 +317,10 @@ def stands_in_wall(cells: Cells, poses: Integers) -> bool:
 
 
 @kernel
-def first_invalid(actions: Integers, skipped: Flags, num_actions: int) -> int:
+def first_invalid(actions: Integers, skipped: Flags, highest: int) -> int:
     """Return the first row that is not skipped and has an action out of range, or -1."""
     for row in range(actions.shape[0]):
-        if (actions[row] < 0 or actions[row] >= num_actions) and not skipped[row]:
+        if (actions[row] < 0 or actions[row] > highest) and not skipped[row]:
             return row
     return -1
 
