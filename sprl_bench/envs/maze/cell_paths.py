@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from sprl_bench.envs.compiled import inline
+from sprl_bench.envs.compiled import kernel
 from sprl_bench.envs.maze.levels import GOAL, GOOD, WALL
 
 Cells = NDArray[np.uint8]
@@ -16,7 +16,7 @@ Integers = NDArray[np.int64]
 UNREACHED: Final = -1
 
 
-@inline
+@kernel
 def measure(cells: Cells, things: Integers, row: int, distances: Integers) -> None:
     """Fill `distances[row]` [S, S] with the steps from cell to cell to the nearest goal or good object.
 
@@ -28,7 +28,8 @@ def measure(cells: Cells, things: Integers, row: int, distances: Integers) -> No
     """
     size = cells.shape[1]
     queue = np.empty(size * size, np.int64)
-    distances[row] = UNREACHED
+    for cell in range(size * size):
+        distances[row, cell // size, cell % size] = UNREACHED
     head, tail = 0, 0
     for thing in range(things.shape[1]):
         x, y, kind = things[row, thing, 0], things[row, thing, 1], things[row, thing, 2]

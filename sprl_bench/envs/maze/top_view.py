@@ -20,8 +20,8 @@ _WALL_COLOUR: Final = (70, 70, 80)
 _CORRIDOR_COLOUR: Final = (225, 225, 225)
 _ROOM_COLOUR: Final = (205, 215, 235)
 _AGENT_COLOUR: Final = (30, 90, 220)
-_THING_SIDE: Final = 0.6  # of a cell
-_AGENT_LENGTH: Final = 0.45
+_THING_SIDE: Final = 0.8  # of a cell
+_AGENT_LENGTH: Final = 0.7
 _AGENT_HALF_ANGLE: Final = 0.45  # radians
 
 

@@ -101,7 +101,7 @@ def _pick(uniform: float, count: int) -> int:
     return int(uniform * count)
 
 
-@inline
+@kernel
 def _find(worlds: Worlds, row: int, kind: int, least: int, index: int) -> tuple[int, int]:
     """Return (x, y) of the cell with this index among those of a kind at least `least` cells from what is sought.
 
@@ -166,8 +166,10 @@ def _put_objects(worlds: Worlds, row: int, uniforms: Uniforms) -> None:
 @inline
 def _take_layout(worlds: Worlds, row: int, bank: Cells, index: int) -> None:
     worlds.layouts[row] = index
-    worlds.cells[row] = bank[index]
-    worlds.distances[row] = UNREACHED
+    for y in range(bank.shape[1]):
+        for x in range(bank.shape[2]):
+            worlds.cells[row, y, x] = bank[index, y, x]
+            worlds.distances[row, y, x] = UNREACHED
 
 
 @inline
@@ -302,7 +304,7 @@ def derive(worlds: Worlds, bank: Cells, rules: Rules, frames: Cells) -> None:
     """Compute all that follows from the state: cells, distances and pictures."""
     columns = new_columns()
     for row in range(worlds.layouts.shape[0]):
-        worlds.cells[row] = bank[worlds.layouts[row]]
+        _take_layout(worlds, row, bank, worlds.layouts[row])
         measure(worlds.cells, worlds.things, row, worlds.distances)
         _draw(frames, columns, worlds, row, rules)
 
