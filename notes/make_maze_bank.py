@@ -1,4 +1,7 @@
-"""Write the mazes' layouts, with DeepMind Lab's generator: `pip install labmaze==1.0.6; python notes/make_maze_bank.py`."""
+"""Write the mazes' layouts with DeepMind Lab's generator.
+
+`pip install labmaze==1.0.6` (Python 3.12 at most), then `python notes/make_maze_bank.py`.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """The policy of a video: from its name to a function from one observation to one action.
 
-A policy is `random`, `still`, the exact `solver` of grids and mazes, a function of your own, or the trained agent of a run,
-which gives its own policy (`sprl_bench.agents.Playable`).
+A policy is `random`, `still`, the exact `solver` of grids and mazes, a function of your own, or the trained agent of a
+run, which gives its own policy (`sprl_bench.agents.Playable`).
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ import sprl_bench
 from sprl_bench import leaderboard
 from sprl_bench.envs.fetch.rules import Rules
 from sprl_bench.envs.grid.encoding import HORIZON
+from sprl_bench.envs.maze.levels import LEVELS
 from sprl_bench.executors import WorkerDiedError
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.suite import expand, run_suite
@@ -23,12 +24,14 @@ from sprl_bench.tasks import SUITES, Task, find_suite, too_wide, with_budget
 
 FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
 TOO_MANY = f"51 sub-environments on {FOUR} are more than the 50 that a leaderboard takes"
-BENCHMARKS = [suite for suite in SUITES.values() if suite.name != "smoke"]
+BENCHMARKS = [suite for suite in SUITES.values() if "smoke" not in suite.name]
 
 
 def horizon(task: Task) -> int:
     if task.domain == "grid":
         return HORIZON
+    if task.domain == "dmlab":
+        return LEVELS[task.name.removeprefix("Maze")].horizon
     rules: Any = Rules(**task.arguments)
     return int(rules.horizon)
 

@@ -22,5 +22,5 @@ def inline(function: Function) -> Function:
 
 
 def kernel(function: Function) -> Function:
-    """Compile `function`; it is made of the sources beside it, beside this file, and in the folders of grids and mazes."""
+    """Compile `function`; it is made of the sources beside it and this file, and in the folders of grids and mazes."""
     return compile_cached(function, HERE, HERE / "grid", HERE / "maze", Path(inspect.getfile(function)).parent)

@@ -7,7 +7,7 @@ is not visible is under the agent, and the episode has ended. FourRooms has no k
 All functions take and return arrays. Distances are in env steps; -1 means unreachable. The solver is a breadth-first
 search with one integer for each state, so the results are exact.
 
-`mazes` has shortest paths and a competent player for the mazes, which need the environment itself.
+`maze_player` has shortest paths and a competent player for the mazes, which need the environment itself.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import check_integer
 from sprl_bench.solver.maps import NOWHERE, Cells, Integers, State, checked_maps, parse
-from sprl_bench.solver.mazes import maze_actions, maze_distances
+from sprl_bench.solver.maze_player import maze_actions, maze_distances
 from sprl_bench.solver.search import UNLIMITED, distances_all, num_codes, path_of, solve_all
 
 __all__ = [

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import VECTOR_ARGUMENTS, refuse_unknown
 from sprl_bench.envs.engine import Array, Rows
-from sprl_bench.envs.maze import worlds
+from sprl_bench.envs.maze import play
 from sprl_bench.envs.maze.levels import Level
 from sprl_bench.envs.maze.maze_env import OBSERVATIONS, MazeEnv, MazeGoalLarge, MazeGoalSmall, MazeObjectMany
 from sprl_bench.envs.maze.maze_rules import ARGUMENTS, ELSEWHERE, METADATA, Variant
@@ -70,7 +70,7 @@ class MazeEngine(BatchedEnv):
 
     def _advance(self, actions: NDArray[np.int64]) -> None:
         self._threads.map(
-            worlds.advance,
+            play.advance,
             self.num_envs,
             actions,
             self._ended,
@@ -88,7 +88,7 @@ class MazeEngine(BatchedEnv):
             )
         self._actions[:] = given  # the kernels are compiled for one type
         highest = self.variant.num_actions - 1
-        row = worlds.first_invalid(self._actions, self._ended, highest)
+        row = play.first_invalid(self._actions, self._ended, highest)
         if row >= 0:
             raise ValueError(f"actions[{row}] is {given[row]}; it must be an integer from 0 to {highest}.")
         return self._actions

@@ -12,7 +12,7 @@ from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import check_choice, check_integer, refuse_unknown
-from sprl_bench.envs.maze import worlds
+from sprl_bench.envs.maze import play
 from sprl_bench.envs.maze.levels import GOAL_LARGE, GOAL_SMALL, OBJECT_MANY, Level
 from sprl_bench.envs.maze.maze_rules import ARGUMENTS, ELSEWHERE, METADATA, RENDER_MODES, Variant
 from sprl_bench.envs.maze.mazes import Mazes
@@ -146,7 +146,7 @@ class MazeEnv(gymnasium.Env[Frame, np.int64]):
         rewards, truncations = np.zeros(1), np.zeros(1, np.bool_)
         self._elapsed += 1
         self._take_stream()
-        worlds.advance(
+        play.advance(
             0, 1, np.array([action]), _SKIPPED, self._elapsed, *self.mazes.parts(), rewards, truncations
         )  # fmt: skip
         self._give_stream()

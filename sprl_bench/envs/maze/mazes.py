@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sprl_bench.envs.maze import worlds
+from sprl_bench.envs.maze import play
 from sprl_bench.envs.maze.directions import DIRECTIONS
 from sprl_bench.envs.maze.levels import BAD, GOAL, GOOD, NOTHING, NUM_LAYOUTS, PLACE, UNITS_A_CELL, Level
 from sprl_bench.envs.maze.maze_bank import Layouts, layouts
@@ -19,6 +19,7 @@ from sprl_bench.envs.maze.maze_rules import Variant
 from sprl_bench.envs.maze.motion import CELL, CELL_BITS, TOP_SPEED
 from sprl_bench.envs.maze.raycast import KEY_BITS, LOOK_KEY, NUM_SURFACES, SURFACE_VALUES
 from sprl_bench.envs.maze.textures import PATTERNS
+from sprl_bench.envs.maze.worlds import Rules, Worlds, new_worlds
 
 Array = NDArray[Any]
 Integers = NDArray[np.int64]
@@ -35,7 +36,7 @@ class Mazes:
 
     def __init__(self, level: Level, variant: Variant, frames: NDArray[np.uint8]) -> None:
         self.level, self.rules, self.frames = level, variant.rules(level), frames
-        self.worlds = worlds.new_worlds(len(frames), level.size, level.num_things)
+        self.worlds = new_worlds(len(frames), level.size, level.num_things)
 
     @property
     def bank(self) -> Layouts:
@@ -44,15 +45,15 @@ class Mazes:
 
     def restart(self, rows: Integers) -> None:
         """Start a new episode in these rows."""
-        worlds.restart(rows, self.worlds, self.bank, self.rules, self.frames)
+        play.restart(rows, self.worlds, self.bank, self.rules, self.frames)
 
-    def parts(self) -> tuple[worlds.Worlds, worlds.Rules, NDArray[np.uint8]]:
-        """Return what `worlds.advance` needs of this object."""
+    def parts(self) -> tuple[Worlds, Rules, NDArray[np.uint8]]:
+        """Return what `play.advance` needs of this object."""
         return self.worlds, self.rules, self.frames
 
     def restore(self) -> None:
         """Compute what follows from the state, after the state was changed."""
-        worlds.derive(self.worlds, self.bank, self.rules, self.frames)
+        play.derive(self.worlds, self.bank, self.rules, self.frames)
 
     def information(self) -> dict[str, Array]:
         """Return what `info` holds, by name: [N, ...]."""
@@ -81,8 +82,8 @@ class Mazes:
     def _check_poses(self, poses: Integers, cells: Layouts) -> None:
         inside = _within(poses[:, :2], CELL, (self.level.size - 1) * CELL - 1)
         if not (inside and _within(poses[:, 2], 0, DIRECTIONS - 1) and _within(poses[:, 3:], -TOP_SPEED, TOP_SPEED)):
-            raise ValueError("state['poses'] is out of range; it must be x, y inside the maze, an angle and a velocity.")
-        if worlds.stands_in_wall(cells, poses):
+            raise ValueError("state['poses'] is out of range; it must be x, y in the maze, an angle and a velocity.")
+        if play.stands_in_wall(cells, poses):
             raise ValueError("state['poses'] has an agent inside a wall; it must be on free cells.")
 
     def _check_things(self, things: Integers, cells: Layouts) -> None:

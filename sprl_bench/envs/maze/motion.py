@@ -67,7 +67,8 @@ def wanted_velocity(action: int, angle: int) -> tuple[int, int]:
     elif action == STRAFE_RIGHT:
         aside = TOP_SPEED
     cosine, sine = COSINES[angle], SINES[angle]
-    return (ahead * cosine - aside * sine + _ROUND) >> SCALE_BITS, (ahead * sine + aside * cosine + _ROUND) >> SCALE_BITS
+    across, down = ahead * cosine - aside * sine, ahead * sine + aside * cosine
+    return (across + _ROUND) >> SCALE_BITS, (down + _ROUND) >> SCALE_BITS
 
 
 @inline
@@ -83,12 +84,8 @@ def eased(speed: int, wanted: int) -> int:
 def _is_blocked(cells: Cells, row: int, first_x: int, last_x: int, first_y: int, last_y: int) -> bool:
     """Return whether a rectangle of two opposite corners touches a wall; it is at most one cell wide and high."""
     left, right, top, bottom = first_x >> CELL_BITS, last_x >> CELL_BITS, first_y >> CELL_BITS, last_y >> CELL_BITS
-    return (
-        cells[row, top, left] == WALL
-        or cells[row, top, right] == WALL
-        or cells[row, bottom, left] == WALL
-        or cells[row, bottom, right] == WALL
-    )  # fmt: skip
+    above = cells[row, top, left] == WALL or cells[row, top, right] == WALL
+    return bool(above or cells[row, bottom, left] == WALL or cells[row, bottom, right] == WALL)
 
 
 @inline

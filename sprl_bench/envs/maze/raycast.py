@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sprl_bench.envs.compiled import inline, kernel
 from sprl_bench.envs.maze.directions import COSINES, SCALE_BITS, SINES
@@ -31,6 +30,7 @@ _INSIDE: Final = CELL - 1
 _SCREEN: Final = _HALF << 8  # half of the picture's width, in 1/256 pixel
 _NEAR: Final = CELL // 64
 _SPRITE_NEAR: Final = CELL // 10
+_ORDER_BITS: Final = 4  # room for the number of a thing
 _FADE_BITS: Final = 10  # with fog, light is lost over 2 ** (8 + 10) / 65,536 = 4 cells
 _DIM: Final = 200  # light, of 256, on the walls that run along x
 
@@ -117,11 +117,11 @@ def cast(cells: Cells, row: int, x: int, y: int, ray_x: int, ray_y: int) -> Hit:
 @inline
 def _surface(cells: Cells, row: int, hit: Hit, key: int) -> int:
     """Return the surface of a wall's face: a painting on a quarter of them, else by the kind of space before it."""
-    face = (hit.y * cells.shape[2] + hit.x) * 4 + hit.side
+    face = int((hit.y * cells.shape[2] + hit.x) * 4 + hit.side)
     mixed = ((key ^ (face * 40503)) * 2654435761) & 0xFFFFFFFF
-    if mixed >> 30 == 0:
-        return FIRST_PAINTING + ((mixed >> 20) % PAINTINGS)
     open_x, open_y = hit.x - (hit.side == 0) + (hit.side == 1), hit.y - (hit.side == 2) + (hit.side == 3)
+    if mixed >> 30 == 0:
+        return int(FIRST_PAINTING + (mixed >> 20) % PAINTINGS)
     return CORRIDOR_SURFACE if cells[row, open_y, open_x] == CORRIDOR else ROOM_SURFACE
 
 
@@ -214,27 +214,33 @@ def _paint_thing(frames: Cells, depths: Integers, row: int, kind: int, depth: in
 
 @inline
 def _paint_things(frames: Cells, depths: Integers, poses: Integers, things: Integers, row: int, fog: bool) -> None:
-    """Paint the things before the agent, the farthest first."""
-    cosine, sine = COSINES[poses[row, 2]], SINES[poses[row, 2]]
-    before = np.int64(1) << 60
+    """Paint the things before the agent, the farthest first; of equally far ones, the last in the array first."""
+    cosine, sine = int(COSINES[poses[row, 2]]), int(SINES[poses[row, 2]])
+    before = 1 << 60
     while True:
-        nearest_to, aside, kind = np.int64(0), np.int64(0), np.int64(0)
+        farthest, aside, kind = 0, 0, 0
         for thing in range(things.shape[1]):
-            x = (things[row, thing, 0] << CELL_BITS) + CELL // 2 - poses[row, 0]
-            y = (things[row, thing, 1] << CELL_BITS) + CELL // 2 - poses[row, 1]
-            # Equal depths are told apart by the number of the thing.
-            depth = (((x * cosine + y * sine) >> SCALE_BITS) << 4) + thing
-            if things[row, thing, 2] != NOTHING and nearest_to < depth < before:
-                nearest_to, kind, aside = depth, things[row, thing, 2], (y * cosine - x * sine) >> SCALE_BITS
-        if nearest_to >> 4 < _SPRITE_NEAR:
+            x = (int(things[row, thing, 0]) << CELL_BITS) + CELL // 2 - int(poses[row, 0])
+            y = (int(things[row, thing, 1]) << CELL_BITS) + CELL // 2 - int(poses[row, 1])
+            order = ((x * cosine + y * sine) >> SCALE_BITS << _ORDER_BITS) + thing
+            if things[row, thing, 2] != NOTHING and farthest < order < before:
+                farthest, aside, kind = order, (y * cosine - x * sine) >> SCALE_BITS, int(things[row, thing, 2])
+        if farthest >> _ORDER_BITS < _SPRITE_NEAR:
             return
-        _paint_thing(frames, depths, row, kind, nearest_to >> 4, aside, fog)
-        before = nearest_to
+        _paint_thing(frames, depths, row, kind, farthest >> _ORDER_BITS, aside, fog)
+        before = farthest
 
 
 @kernel
 def draw(
-    frames: Cells, columns: Columns, cells: Cells, poses: Integers, things: Integers, looks: Integers, row: int, fog: bool
+    frames: Cells,
+    columns: Columns,
+    cells: Cells,
+    poses: Integers,
+    things: Integers,
+    looks: Integers,
+    row: int,
+    fog: bool,
 ) -> None:
     """Draw the picture of one row, `frames[row]` [84, 84, 3].
 

@@ -6,13 +6,13 @@ same, so that an agent can know them.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-Pattern = NDArray[np.int64]
+Shape = tuple[NDArray[np.bool_], tuple[int, int, int]]
+"""Where a shape is, and its colour."""
 
 TEXELS: Final = 32  # along a side of a pattern, which covers one cell
 SPRITE_TEXELS: Final = 16
@@ -24,28 +24,30 @@ _VIOLET, _BLACK = (165, 60, 220), (20, 20, 20)
 
 def _patterns() -> NDArray[np.uint8]:
     """Return all patterns, uint8 [2 P, column, row from the top]: those of walls, then calmer ones of the ground."""
-    column, row = np.indices((TEXELS, TEXELS))
-    shapes: tuple[Callable[[Pattern, Pattern], Pattern], ...] = (
-        lambda u, v: (u // 8 + v // 8) % 2,  # squares
-        lambda u, v: (u // 4) % 2,  # stripes
-        lambda u, v: (v // 4) % 2,
-        lambda u, v: ((u + v) // 8) % 2,
-        lambda u, v: (v % 8 != 0) & ((u + v // 8 * 8) % 16 != 0),  # bricks
-        lambda u, v: (u % 16 > 1) & (v % 16 > 1),  # tiles
-        lambda u, v: np.minimum(np.minimum(u, 31 - u), np.minimum(v, 31 - v)) > 3,  # a frame
-        lambda u, v: (2 * u - 31) ** 2 + (2 * v - 31) ** 2 < 500,  # a disc
-        lambda u, v: (abs(2 * u - 31) + abs(2 * v - 31)) // 12 % 2,  # rhombs
-        lambda u, v: (abs(2 * u - 31) < 9) | (abs(2 * v - 31) < 9),  # a cross
-        lambda u, v: ((2 * u - 31) ** 2 + (2 * v - 31) ** 2) // 220 % 2,  # rings
-        lambda u, v: (u // 4 * 40503 ^ v // 4 * 30011) * 2654435761 // 65536 % 2,  # noise
+    u, v = np.indices((TEXELS, TEXELS))
+    across, down = 2 * u - TEXELS + 1, 2 * v - TEXELS + 1  # from the middle
+    bright = np.array(
+        [
+            (u // 8 + v // 8) % 2,  # squares
+            (u // 4) % 2,  # stripes
+            (v // 4) % 2,
+            ((u + v) // 8) % 2,
+            (v % 8 != 0) & ((u + v // 8 * 8) % 16 != 0),  # bricks
+            (u % 16 > 1) & (v % 16 > 1),  # tiles
+            np.maximum(abs(across), abs(down)) < 24,  # a frame
+            across**2 + down**2 < 500,  # a disc
+            (abs(across) + abs(down)) // 12 % 2,  # rhombs
+            (abs(across) < 9) | (abs(down) < 9),  # a cross
+            (across**2 + down**2) // 220 % 2,  # rings
+            (u // 4 * 40503 ^ v // 4 * 30011) * 2654435761 // 65536 % 2,  # noise
+        ]
     )
-    bright = np.stack([shape(column, row) for shape in shapes]).astype(np.int64)
-    grain = (column * 7919 ^ row * 104729) * 2654435761 // 65536 % 24
+    grain = (u * 7919 ^ v * 104729) * 2654435761 // 65536 % 24
     return np.concatenate([105 + 125 * bright + grain, 150 + 45 * bright + grain]).astype(np.uint8)
 
 
-def _draw(shapes: tuple[tuple[Pattern, tuple[int, int, int]], ...]) -> NDArray[np.uint8]:
-    """Return a picture uint8 [row, column, (red, green, blue, whether it is opaque)]; later shapes cover earlier ones."""
+def _draw(*shapes: Shape) -> NDArray[np.uint8]:
+    """Return a picture uint8 [row, column, (red, green, blue, opaque)]; later shapes cover earlier ones."""
     picture = np.zeros((SPRITE_TEXELS, SPRITE_TEXELS, 4), np.uint8)
     for mask, colour in shapes:
         picture[mask] = (*colour, 1)
@@ -58,10 +60,10 @@ def _sprites() -> NDArray[np.uint8]:
     square, rhomb, disc = np.maximum(abs(row), abs(column)), abs(row) + abs(column), row**2 + column**2
     return np.stack(
         [
-            _draw(()),
-            _draw(((rhomb <= 16, WHITE), (rhomb <= 12, _GOLD), (rhomb <= 6, _RED))),
-            _draw(((disc <= 226, WHITE), (disc <= 160, _GREEN), (disc <= 30, _LEAF))),
-            _draw(((square <= 15, WHITE), (square <= 11, _VIOLET), (abs(row) == abs(column), _BLACK))),
+            _draw(),
+            _draw((rhomb <= 16, WHITE), (rhomb <= 12, _GOLD), (rhomb <= 6, _RED)),
+            _draw((disc <= 226, WHITE), (disc <= 160, _GREEN), (disc <= 30, _LEAF)),
+            _draw((square <= 15, WHITE), (square <= 11, _VIOLET), (abs(row) == abs(column), _BLACK)),
         ]
     )
 

@@ -43,7 +43,7 @@ def _from_above(cells: Picture, pose: Integers, things: Integers) -> Picture:
     colours = np.full((*cells.shape, 3), _ROOM_COLOUR, np.uint8)
     colours[cells == CORRIDOR] = _CORRIDOR_COLOUR
     colours[cells == WALL] = _WALL_COLOUR
-    picture = colours[y.astype(int), x.astype(int)]
+    picture: Picture = colours[y.astype(int), x.astype(int)]
     for thing in things:
         _put_thing(picture, x - thing[0], y - thing[1], int(thing[2]))
     _put_agent(picture, x - pose[0] / CELL, y - pose[1] / CELL, pose[2] * 2 * np.pi / DIRECTIONS)

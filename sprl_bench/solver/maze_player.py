@@ -70,4 +70,5 @@ def _next_cells(distances: Integers, poses: Integers) -> Integers:
     around = (poses[:, :2] >> CELL_BITS)[:, None] + _NEIGHBOURS
     found = distances[np.arange(len(poses))[:, None], around[..., 1], around[..., 0]]
     best = np.where(found == UNREACHED, _FAR, found).argmin(axis=1)
-    return around[np.arange(len(poses)), best]
+    chosen: Integers = around[np.arange(len(poses)), best]
+    return chosen
