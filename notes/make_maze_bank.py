@@ -8,22 +8,22 @@ from __future__ import annotations
 import labmaze
 import numpy as np
 
-from sprl_bench.envs.maze.levels import LEVELS, NUM_LAYOUTS, Level
+from sprl_bench.envs.maze.levels import GENERATORS, NUM_LAYOUTS
 from sprl_bench.envs.maze.maze_bank import Layouts, bank_file, from_text, pack
 
 
-def generate(level: Level, seed: int) -> Layouts:
+def generate(level: str, seed: int) -> Layouts:
     """Return the layout of one of the generator's seeds, uint8 [S, S]."""
-    maze = labmaze.RandomMaze(**level.generator, random_seed=seed)
+    maze = labmaze.RandomMaze(**GENERATORS[level], random_seed=seed)
     return from_text(str(maze.entity_layer), str(maze.variations_layer))
 
 
 def main() -> None:
     """Write the file of every level."""
-    for level in LEVELS.values():
+    for level in GENERATORS:
         made = np.array([generate(level, seed) for seed in range(NUM_LAYOUTS)])
-        bank_file(level.name).write_bytes(pack(made))
-        print(level.name, bank_file(level.name).stat().st_size, "bytes")
+        bank_file(level).write_bytes(pack(made))
+        print(level, bank_file(level).stat().st_size, "bytes")
 
 
 if __name__ == "__main__":

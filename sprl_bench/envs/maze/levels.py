@@ -1,7 +1,6 @@
 """The three levels: their facts, and the codes of cells, things and actions.
 
-The facts are those of DeepMind Lab's levels (sizes, rooms, places, rewards, lengths). What a level needs from the
-generator of layouts is written in the words of labmaze, DeepMind Lab's own generator as a package.
+The facts are those of DeepMind Lab's levels (sizes, rooms, places, rewards, lengths).
 """
 
 from __future__ import annotations
@@ -57,7 +56,6 @@ class Level:
         num_things: Things in the maze at the start: the goal, or objects.
         farthest: The largest `minimum_goal_distance` that at least a tenth of the layouts can satisfy; 0 for a level
             without a goal.
-        generator: The generator's arguments.
     """
 
     name: str
@@ -65,12 +63,17 @@ class Level:
     horizon: int
     num_things: int
     farthest: int
-    generator: Mapping[str, Any]
 
     @property
     def has_goal(self) -> bool:
         """Whether the level has a goal, and not objects."""
         return self.num_things == 1
+
+
+GOAL_SMALL: Final = Level("GoalSmall", 11, 1350, 1, 16)
+GOAL_LARGE: Final = Level("GoalLarge", 17, 1800, 1, 32)
+OBJECT_MANY: Final = Level("ObjectMany", 13, 1800, 8, 0)
+LEVELS: Mapping[str, Level] = MappingProxyType({level.name: level for level in (GOAL_SMALL, GOAL_LARGE, OBJECT_MANY)})
 
 
 def _generator(size: int, rooms: int, sides: tuple[int, int], spawns: int, places: int) -> Mapping[str, Any]:
@@ -90,7 +93,11 @@ def _generator(size: int, rooms: int, sides: tuple[int, int], spawns: int, place
     )
 
 
-GOAL_SMALL: Final = Level("GoalSmall", 11, 1350, 1, 16, _generator(11, 4, (3, 5), 5, 4))
-GOAL_LARGE: Final = Level("GoalLarge", 17, 1800, 1, 32, _generator(17, 9, (3, 3), 5, 5))
-OBJECT_MANY: Final = Level("ObjectMany", 13, 1800, 8, 0, _generator(13, 1, (11, 11), 5, 16))
-LEVELS: Mapping[str, Level] = MappingProxyType({level.name: level for level in (GOAL_SMALL, GOAL_LARGE, OBJECT_MANY)})
+GENERATORS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "GoalSmall": _generator(11, 4, (3, 5), 5, 4),
+        "GoalLarge": _generator(17, 9, (3, 3), 5, 5),
+        "ObjectMany": _generator(13, 1, (11, 11), 5, 16),
+    }
+)
+"""By level, the arguments of labmaze's `RandomMaze`, DeepMind Lab's own generator of layouts."""

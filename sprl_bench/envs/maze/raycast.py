@@ -61,9 +61,7 @@ class Columns(NamedTuple):
     depth: Integers
     top: Integers  # the first row of the wall
     texels: Integers  # the first texel of its column in all patterns
-    red: Integers
-    green: Integers
-    blue: Integers
+    colour: Integers  # of the wall, packed
     ray_x: Integers
     ray_y: Integers
 
@@ -80,8 +78,8 @@ class Hit(NamedTuple):
 @inline
 def new_columns() -> Columns:
     """Allocate scratch space."""
-    space = np.zeros((8, SIDE), np.int64)
-    return Columns(space[0], space[1], space[2], space[3], space[4], space[5], space[6], space[7])
+    space = np.zeros((6, SIDE), np.int64)
+    return Columns(space[0], space[1], space[2], space[3], space[4], space[5])
 
 
 @inline
@@ -132,6 +130,14 @@ def _light(depth: int, fog: bool) -> int:
 
 
 @inline
+def _packed(looks: Integers, row: int, surface: int, light: int) -> int:
+    """Return the colour of a surface in a light of 256, its channels 16 bits apart: one product scales all three."""
+    at = surface * SURFACE_VALUES
+    red, green, blue = looks[row, at + 1] * light >> 8, looks[row, at + 2] * light >> 8, looks[row, at + 3] * light >> 8
+    return red | green << 16 | blue << 32
+
+
+@inline
 def _see(columns: Columns, cells: Cells, poses: Integers, looks: Integers, row: int, fog: bool) -> None:
     """Cast the rays of one row's agent, and fill `columns`."""
     x, y, angle = poses[row, 0], poses[row, 1], poses[row, 2]
@@ -140,15 +146,23 @@ def _see(columns: Columns, cells: Cells, poses: Integers, looks: Integers, row: 
         hit = cast(cells, row, x, y, ray_x, ray_y)
         depth = max(hit.depth, _NEAR)
         along = y + (depth * ray_y >> RAY_BITS) if hit.side < 2 else x + (depth * ray_x >> RAY_BITS)
-        surface = _surface(cells, row, hit, looks[row, LOOK_KEY]) * SURFACE_VALUES
+        surface = _surface(cells, row, hit, looks[row, LOOK_KEY])
         light = _light(depth, fog) * (256 if hit.side < 2 else _DIM) >> 8
+        column_of_texels = looks[row, surface * SURFACE_VALUES] * TEXELS + ((along & _INSIDE) >> _TEXEL_BITS)
         columns.depth[column] = depth
         columns.top[column] = max((SIDE - (_HALF << CELL_BITS) // depth) >> 1, 0)
-        columns.texels[column] = (looks[row, surface] * TEXELS + ((along & _INSIDE) >> _TEXEL_BITS)) * TEXELS
-        columns.red[column] = looks[row, surface + 1] * light >> 8
-        columns.green[column] = looks[row, surface + 2] * light >> 8
-        columns.blue[column] = looks[row, surface + 3] * light >> 8
+        columns.texels[column] = column_of_texels * TEXELS
+        columns.colour[column] = _packed(looks, row, surface, light)
         columns.ray_x[column], columns.ray_y[column] = ray_x, ray_y
+
+
+@inline
+def _put(frames: Cells, row: int, line: int, column: int, colour: int, bright: int) -> None:
+    """Paint one pixel with a packed colour and the brightness, of 256, of its texel."""
+    scaled = colour * bright
+    frames[row, line, column, 0] = scaled >> 8 & 255
+    frames[row, line, column, 1] = scaled >> 24 & 255
+    frames[row, line, column, 2] = scaled >> 40 & 255
 
 
 @inline
@@ -157,41 +171,27 @@ def _paint(
 ) -> None:
     """Paint floor, ceiling and walls, two mirrored rows at a time."""
     x, y = poses[row, 0], poses[row, 1]
-    floor, ceiling = FLOOR_SURFACE * SURFACE_VALUES, CEILING_SURFACE * SURFACE_VALUES
-    floor_texels, ceiling_texels = looks[row, floor] * TEXELS * TEXELS, looks[row, ceiling] * TEXELS * TEXELS
+    floor_texels = looks[row, FLOOR_SURFACE * SURFACE_VALUES] * TEXELS * TEXELS
+    ceiling_texels = looks[row, CEILING_SURFACE * SURFACE_VALUES] * TEXELS * TEXELS
     for high in range(_HALF):
         low = SIDE - 1 - high
         distance = SIDE - 1 - 2 * high  # from the horizon, in half pixels
         depth = _FLOOR_DEPTHS[high]
         light = _light(depth, fog)
-        floor_red, floor_green = looks[row, floor + 1] * light >> 8, looks[row, floor + 2] * light >> 8
-        floor_blue, ceiling_red = looks[row, floor + 3] * light >> 8, looks[row, ceiling + 1] * light >> 8
-        ceiling_green, ceiling_blue = looks[row, ceiling + 2] * light >> 8, looks[row, ceiling + 3] * light >> 8
+        floor, ceiling = _packed(looks, row, FLOOR_SURFACE, light), _packed(looks, row, CEILING_SURFACE, light)
         for column in range(SIDE):
             if high < columns.top[column]:
                 across = (x + (depth * columns.ray_x[column] >> RAY_BITS)) >> _TEXEL_BITS & TEXELS - 1
                 down = (y + (depth * columns.ray_y[column] >> RAY_BITS)) >> _TEXEL_BITS & TEXELS - 1
                 texel = across * TEXELS + down
-                bright = patterns[ceiling_texels + texel]
-                frames[row, high, column, 0] = ceiling_red * bright >> 8
-                frames[row, high, column, 1] = ceiling_green * bright >> 8
-                frames[row, high, column, 2] = ceiling_blue * bright >> 8
-                bright = patterns[floor_texels + texel]
-                frames[row, low, column, 0] = floor_red * bright >> 8
-                frames[row, low, column, 1] = floor_green * bright >> 8
-                frames[row, low, column, 2] = floor_blue * bright >> 8
+                _put(frames, row, high, column, ceiling, patterns[ceiling_texels + texel])
+                _put(frames, row, low, column, floor, patterns[floor_texels + texel])
             else:
                 height = distance * columns.depth[column] // SIDE  # above the eye
                 texel = (CELL // 2 - 1 - min(height, CELL // 2 - 1)) >> _TEXEL_BITS
-                red, green, blue = columns.red[column], columns.green[column], columns.blue[column]
-                bright = patterns[columns.texels[column] + texel]
-                frames[row, high, column, 0] = red * bright >> 8
-                frames[row, high, column, 1] = green * bright >> 8
-                frames[row, high, column, 2] = blue * bright >> 8
-                bright = patterns[columns.texels[column] + TEXELS - 1 - texel]
-                frames[row, low, column, 0] = red * bright >> 8
-                frames[row, low, column, 1] = green * bright >> 8
-                frames[row, low, column, 2] = blue * bright >> 8
+                first = columns.texels[column]
+                _put(frames, row, high, column, columns.colour[column], patterns[first + texel])
+                _put(frames, row, low, column, columns.colour[column], patterns[first + TEXELS - 1 - texel])
 
 
 @inline

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sprl_bench.envs.maze.directions import COSINES, DIRECTIONS, SCALE_BITS, SINES
-from sprl_bench.envs.maze.levels import CORRIDOR, LEVELS, NUM_LAYOUTS, PLACE, SPAWN, WALL
+from sprl_bench.envs.maze.levels import CORRIDOR, GENERATORS, LEVELS, NUM_LAYOUTS, PLACE, SPAWN, WALL
 from sprl_bench.envs.maze.maze_bank import bank_file, from_text, layouts, pack
 
 SEEDS = int(os.environ.get("SPRL_MAZE_SEEDS", "500"))  # compared with the generator; at most 10,000
@@ -50,7 +50,7 @@ def test_layouts_are_those_of_the_generator(name: str) -> None:
     labmaze = pytest.importorskip("labmaze", reason="labmaze has wheels up to Python 3.12")
     bank = layouts(name)
     for seed in range(SEEDS):
-        maze = labmaze.RandomMaze(**LEVELS[name].generator, random_seed=seed)
+        maze = labmaze.RandomMaze(**GENERATORS[name], random_seed=seed)
         np.testing.assert_array_equal(bank[seed], from_text(str(maze.entity_layer), str(maze.variations_layer)))
 
 
