@@ -1,7 +1,7 @@
 """The policy of a video: from its name to a function from one observation to one action.
 
-A policy is `random`, `still`, the exact `solver` of the grids, a function of your own, or the trained agent of a run,
-which gives its own policy (`sprl_bench.agents.Playable`).
+A policy is `random`, `still`, the exact `solver` of grids and mazes, a function of your own, or the trained agent of a
+run, which gives its own policy (`sprl_bench.agents.Playable`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from gymnasium import spaces
 from sprl_bench import checkpoint
 from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
-from sprl_bench.envs import GRID_IDS
+from sprl_bench.envs import GRID_IDS, MAZE_IDS
 from sprl_bench.records import RunSpec, read
 from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS, find_files
 from sprl_bench.suggestions import unknown
@@ -86,29 +86,52 @@ def _random(env: Env, seed: int) -> Policy:
 
 
 def _still(env: Env, _seed: int) -> Policy:
-    """Do nothing: no displacement, or the grids' "done"."""
+    """Do nothing: no displacement, the grids' "done", or the mazes' "fire"."""
     space = env.action_space
     if isinstance(space, spaces.Box):
         zeros = np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
         return lambda _observation: zeros
-    _require_grid(env, "still")
+    if _id_of(env) in MAZE_IDS:
+        return _firing(env)
+    _require_grid(env, "still", (*GRID_IDS, *MAZE_IDS))
     from sprl_bench.envs.grid.encoding import DONE  # noqa: PLC0415 - loads numba
 
     return lambda _observation: DONE
 
 
+def _firing(env: Env) -> Policy:
+    from sprl_bench.envs.maze.levels import FIRE  # noqa: PLC0415 - loads numba
+
+    if not env.action_space.contains(FIRE):
+        raise ValueError("fire is False; it must be True for the policy 'still', because every other action moves.")
+    return lambda _observation: FIRE
+
+
 def _solver(env: Env, _seed: int) -> Policy:
     """Follow a shortest path."""
-    _require_grid(env, "solver")
+    if _id_of(env) in MAZE_IDS:
+        return _walking(env)
+    _require_grid(env, "solver", (*GRID_IDS, *MAZE_IDS))
     from sprl_bench.solver import optimal_actions  # noqa: PLC0415 - loads numba
 
     return lambda observation: int(optimal_actions(observation[None])[0])
 
 
-def _require_grid(env: Env, policy: str) -> None:
-    env_id = env.spec.id if env.spec else str(env)
-    if env_id not in GRID_IDS:
-        raise ValueError(f"There is no policy {policy!r} for {env_id}; it is for {', '.join(GRID_IDS)}.")
+def _walking(env: Env) -> Policy:
+    """Follow a shortest path through a maze, which a picture does not show."""
+    from sprl_bench.solver import maze_actions  # noqa: PLC0415 - loads numba
+
+    mazes: Any = env.unwrapped
+    return lambda _observation: int(maze_actions(mazes.mazes)[0])
+
+
+def _id_of(env: Env) -> str:
+    return env.spec.id if env.spec else str(env)
+
+
+def _require_grid(env: Env, policy: str, allowed: tuple[str, ...]) -> None:
+    if _id_of(env) not in GRID_IDS:
+        raise ValueError(f"There is no policy {policy!r} for {_id_of(env)}; it is for {', '.join(allowed)}.")
 
 
 _NAMED: Mapping[str, Callable[[Env, int], Policy]] = MappingProxyType(

@@ -82,8 +82,8 @@ def record_video(
     Args:
         env_id: The Gymnasium id.
         output: A .mp4 or .gif file; it is overwritten.
-        policy: `random`, `still`, `solver` (on the grids), "package.module:function", a run's folder, or a function
-            from an observation to an action.
+        policy: `random`, `still`, `solver` (on grids and mazes), "package.module:function", a run's folder, or a
+            function from an observation to an action.
         agent: The "package.module:factory" of a run's agent, unless it is an installed one.
         arguments: Of the environment; by default those of the run.
         episodes: How many, one after the other.

@@ -15,6 +15,7 @@ import sprl_bench
 from sprl_bench import leaderboard
 from sprl_bench.envs.fetch.rules import Rules
 from sprl_bench.envs.grid.encoding import HORIZON
+from sprl_bench.envs.maze.levels import LEVELS
 from sprl_bench.executors import WorkerDiedError
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.suite import expand, run_suite
@@ -31,6 +32,8 @@ def horizon(task: Task) -> int:
         return HORIZON
     if task.domain == "atari":
         return 10_000  # Table 3
+    if task.domain == "dmlab":
+        return LEVELS[task.name.removeprefix("Maze")].horizon
     rules: Any = Rules(**task.arguments)
     return int(rules.horizon)
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import gymnasium
 
-__all__ = ["ATARI_IDS", "FETCH_IDS", "GRID_IDS", "IDS", "register"]
+__all__ = ["ATARI_IDS", "FETCH_IDS", "GRID_IDS", "IDS", "MAZE_IDS", "register"]
 
 _GRID = "sprl_bench.envs.grid"
 _FETCH = "sprl_bench.envs.fetch"
+_MAZE = "sprl_bench.envs.maze"
 _ATARI = "sprl_bench.envs.atari"
 
 # id -> (entry point of the single environment, entry point of the batched engine)
@@ -32,10 +33,17 @@ _ATARI_TABLE: dict[str, tuple[str, str]] = {
     for game in ("MontezumaRevenge", "Freeway", "MsPacman", "Gravitar", "Seaquest", "Hero")
 }
 
-_TABLE = _GRID_TABLE | _FETCH_TABLE | _ATARI_TABLE
+_MAZE_TABLE: dict[str, tuple[str, str]] = {
+    "SPRL/MazeGoalSmall-v1": (f"{_MAZE}.maze_env:MazeGoalSmall", f"{_MAZE}.maze_engine:MazeGoalSmallEngine"),
+    "SPRL/MazeGoalLarge-v1": (f"{_MAZE}.maze_env:MazeGoalLarge", f"{_MAZE}.maze_engine:MazeGoalLargeEngine"),
+    "SPRL/MazeObjectMany-v1": (f"{_MAZE}.maze_env:MazeObjectMany", f"{_MAZE}.maze_engine:MazeObjectManyEngine"),
+}
+
+_TABLE = _GRID_TABLE | _FETCH_TABLE | _MAZE_TABLE | _ATARI_TABLE
 
 GRID_IDS: tuple[str, ...] = tuple(_GRID_TABLE)
 FETCH_IDS: tuple[str, ...] = tuple(_FETCH_TABLE)
+MAZE_IDS: tuple[str, ...] = tuple(_MAZE_TABLE)
 ATARI_IDS: tuple[str, ...] = tuple(_ATARI_TABLE)
 IDS: tuple[str, ...] = tuple(_TABLE)
 """Every environment id, in the order of the protocol's table."""

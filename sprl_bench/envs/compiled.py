@@ -1,4 +1,4 @@
-"""How the kernels of the grids and of the solver are compiled."""
+"""How the kernels of grids, mazes and the solver are compiled."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ def inline(function: Function) -> Function:
 
 
 def kernel(function: Function) -> Function:
-    """Compile `function`; it is made of the sources beside it, beside this file, and in the folder of the grids."""
-    return compile_cached(function, HERE, HERE / "grid", Path(inspect.getfile(function)).parent)
+    """Compile `function`; it is made of the sources beside it and this file, and in the folders of grids and mazes."""
+    return compile_cached(function, HERE, HERE / "grid", HERE / "maze", Path(inspect.getfile(function)).parent)

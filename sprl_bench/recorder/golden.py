@@ -1,7 +1,7 @@
 """Golden episodes: action sequences that reach the reward of our environments, which random actions rarely do.
 
-Seeds and actions are constants: found by the exact solver on the grids, and by a search over seeds on the Fetch tasks.
-If an environment changes, they may no longer reach it; the fingerprint then changes too.
+Seeds and actions are constants: found by the exact solver on grids and mazes, and by a search over seeds on the Fetch
+tasks. If an environment changes, they may no longer reach it; the fingerprint then changes too.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ class Golden:
             yield np.array(both, np.int64)
 
 
-# On the grids both episodes end at the goal. On the Fetch tasks the first begins within the distance that counts as
-# success and the second just outside it.
+# On the grids both episodes end at the goal; in the mazes both reach it, or a good object, with the last action. On the
+# Fetch tasks the first begins within the distance that counts as success and the second just outside it.
 GOLDEN: Final[Mapping[str, Golden]] = MappingProxyType(
     {
         "SPRL/FourRooms-7x7-v1": Golden((17, 19), ("222122", "022202")),
@@ -48,5 +48,8 @@ GOLDEN: Final[Mapping[str, Golden]] = MappingProxyType(
         "SPRL/FetchPushSparse-v1": Golden((84, 493)),
         "SPRL/FetchSlideSparse-v1": Golden((766, 4537)),
         "SPRL/FetchPickAndPlaceSparse-v1": Golden((84, 493)),
+        "SPRL/MazeGoalSmall-v1": Golden((1777, 1931), ("55777744664464", "46666555775577")),
+        "SPRL/MazeGoalLarge-v1": Golden((1337, 2630), ("4446666666060", "6666555775577")),
+        "SPRL/MazeObjectMany-v1": Golden((1734, 2154), ("46666555775577", "46666557755577")),
     }
 )

@@ -6,6 +6,8 @@ is not visible is under the agent, and the episode has ended. FourRooms has no k
 
 All functions take and return arrays. Distances are in env steps; -1 means unreachable. The solver is a breadth-first
 search with one integer for each state, so the results are exact.
+
+`maze_player` has shortest paths and a competent player for the mazes, which need the environment itself.
 """
 
 from __future__ import annotations
@@ -15,9 +17,20 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import check_integer
 from sprl_bench.solver.maps import NOWHERE, Cells, Integers, State, checked_maps, parse
+from sprl_bench.solver.maze_player import maze_actions, maze_distances
 from sprl_bench.solver.search import UNLIMITED, distances_all, num_codes, path_of, solve_all
 
-__all__ = ["State", "distances", "distances_to_goal", "optimal_actions", "parse", "reachable", "shortest_path"]
+__all__ = [
+    "State",
+    "distances",
+    "distances_to_goal",
+    "maze_actions",
+    "maze_distances",
+    "optimal_actions",
+    "parse",
+    "reachable",
+    "shortest_path",
+]
 
 
 def distances_to_goal(observations: Cells) -> Integers:

@@ -1,0 +1,149 @@
+"""The batched maze engine: bit-identical to the single environments, as both call the same compiled functions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Discrete
+from numpy.typing import NDArray
+
+from sprl_bench.envs.checks import VECTOR_ARGUMENTS, refuse_unknown
+from sprl_bench.envs.engine import Array, Rows
+from sprl_bench.envs.maze import play
+from sprl_bench.envs.maze.levels import Level
+from sprl_bench.envs.maze.maze_env import OBSERVATIONS, MazeEnv, MazeGoalLarge, MazeGoalSmall, MazeObjectMany
+from sprl_bench.envs.maze.maze_rules import ARGUMENTS, ELSEWHERE, METADATA, Variant
+from sprl_bench.envs.maze.mazes import Mazes
+from sprl_bench.envs.streams import seed_streams, to_generator
+from sprl_bench.envs.vector import BatchedEnv
+
+
+class MazeEngine(BatchedEnv):
+    """N mazes of one level.
+
+    Args:
+        num_envs: Number of sub-environments N.
+        fire: As in `MazeEnv`.
+        fog: As in `MazeEnv`.
+        minimum_goal_distance: As in `MazeEnv`.
+        arguments: The arguments of `BatchedEnv`.
+    """
+
+    metadata = METADATA
+    grain = 8
+    single: ClassVar[type[MazeEnv]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        *,
+        fire: bool = True,
+        fog: bool = False,
+        minimum_goal_distance: int = 0,
+        **arguments: Any,
+    ) -> None:
+        unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
+        refuse_unknown(type(self).__name__, unknown, {*ARGUMENTS, *VECTOR_ARGUMENTS}, ELSEWHERE)
+        self.variant = Variant.checked(self.level, fire, fog, minimum_goal_distance)
+        super().__init__(
+            num_envs,
+            single_observation_space=OBSERVATIONS,
+            single_action_space=Discrete(self.variant.num_actions),
+            **arguments,
+        )
+        self.mazes = Mazes(self.level, self.variant, self._observations)
+        self._actions = np.zeros(self.num_envs, np.int64)
+
+    @property
+    def level(self) -> Level:
+        """The level of all mazes."""
+        return self.single.level
+
+    def _seed(self, rows: Rows, seeds: list[int]) -> None:
+        seed_streams(self.mazes.worlds.streams, rows, seeds)
+
+    def _restart(self, rows: Rows) -> None:
+        self.mazes.restart(rows)
+
+    def _advance(self, actions: NDArray[np.int64]) -> None:
+        self._threads.map(
+            play.advance,
+            self.num_envs,
+            actions,
+            self._ended,
+            self._elapsed,
+            *self.mazes.parts(),
+            self._rewards,
+            self._truncations,
+        )
+
+    def _checked_actions(self, actions: Any) -> NDArray[np.int64]:
+        given = np.asarray(actions)
+        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
+            raise TypeError(
+                f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
+            )
+        self._actions[:] = given  # the kernels are compiled for one type
+        highest = self.variant.num_actions - 1
+        row = play.first_invalid(self._actions, self._ended, highest)
+        if row >= 0:
+            raise ValueError(f"actions[{row}] is {given[row]}; it must be an integer from 0 to {highest}.")
+        return self._actions
+
+    def _information(self) -> Mapping[str, Array]:
+        return self.mazes.information()
+
+    def _kind(self) -> str:
+        return f"{self.level.name} {self.variant}"
+
+    def _arrays(self) -> Mapping[str, Array]:
+        return self.mazes.worlds.state()
+
+    def _check_state(self, state: Mapping[str, Array]) -> None:
+        self.mazes.check_state(state)
+
+    def set_state(self, state: Mapping[str, Array]) -> None:
+        """Restore a state from `get_state` of an engine with the same id, arguments and N.
+
+        Raises:
+            ValueError: The state is not from such an engine. No state has changed.
+        """
+        super().set_state(state)
+        self.mazes.restore()
+
+    def _generator(self, row: int) -> np.random.Generator:
+        return to_generator(self.mazes.worlds.streams[row])
+
+    def _load(self, single: gymnasium.Env[Array, Any], row: int) -> None:
+        assert isinstance(single, MazeEnv)
+        state = {name: values[row] for name, values in self.mazes.worlds.state().items()}
+        single.load(state, int(self._elapsed[row]))
+
+    def _single(self) -> MazeEnv:
+        return self.single(
+            fire=self.variant.fire,
+            fog=self.variant.fog,
+            minimum_goal_distance=self.variant.minimum_goal_distance,
+            render_mode=self.render_mode,
+        )
+
+
+class MazeGoalSmallEngine(MazeEngine):
+    """N mazes of 11 x 11 cells with a goal."""
+
+    single = MazeGoalSmall
+
+
+class MazeGoalLargeEngine(MazeEngine):
+    """N mazes of 17 x 17 cells with a goal."""
+
+    single = MazeGoalLarge
+
+
+class MazeObjectManyEngine(MazeEngine):
+    """N rooms of 11 x 11 cells with four good and four bad objects."""
+
+    single = MazeObjectMany
