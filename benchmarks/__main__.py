@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, workers
+from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, maze, workers
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
@@ -15,6 +15,7 @@ ROOMS = {
     "fetch-learner": fetch_learner.rows,
     "grid": grid.rows,
     "learner": learner.rows,
+    "maze": maze.rows,
     "workers": workers.rows,
 }
 

@@ -58,6 +58,7 @@ def examine() -> list[Finding]:
         *(_package(name, pins) for name in SCORED_PACKAGES if name != "sprl-bench"),
         *(_extra(name, extra) for name, extra in EXTRAS.items()),
         _cores(),
+        _mazes(),
         *(_tried(subject, answers[name], tell) for name, (subject, tell) in TRIED.items() if name in answers),
     ]
 
@@ -87,6 +88,14 @@ def _cores() -> Finding:
 
     threads = RunSpec.model_fields["torch_threads"].default
     return Finding("cores", f"{usable_cores()} of {os.cpu_count()} may be used; torch uses {threads} in each run")
+
+
+def _mazes() -> Finding:
+    from sprl_bench.envs.maze.maze_bank import is_intact
+
+    if is_intact():
+        return Finding("mazes", "10,000 layouts of each level, as in scored runs")
+    return Finding("mazes", "other layouts than in scored runs", comparable=False)
 
 
 def _tried(subject: str, answer: Mapping[str, Any], tell: Callable[[Mapping[str, Any]], Finding]) -> Finding:

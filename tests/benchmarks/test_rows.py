@@ -15,7 +15,7 @@ import torch
 from torch import nn
 
 import sprl_bench  # noqa: F401 - registers the ids
-from benchmarks import fetch, fetch_learner, grid, learner
+from benchmarks import fetch, fetch_learner, grid, learner, maze
 from benchmarks.appendix_network import torch_network
 from benchmarks.contenders import ROOT
 from benchmarks.learners import turn_steps
@@ -86,7 +86,7 @@ def test_raw_physics_counts_its_steps() -> None:
     assert physics() == physics() == 10
 
 
-@pytest.mark.parametrize("rows", [learner.rows, fetch_learner.rows, fetch.rows, grid.rows])
+@pytest.mark.parametrize("rows", [learner.rows, fetch_learner.rows, fetch.rows, grid.rows, maze.rows])
 def test_peers_that_are_not_installed_are_named(rows: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """And nothing is started for them."""
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
@@ -104,8 +104,15 @@ NEEDED = {
     "benchmarks.fetch_learner": {"stable-baselines3", "sbx-rl"},
     "benchmarks.fetch": {"envpool"},
     "benchmarks.grid": {"envpool", "Python 3.12"},
+    "benchmarks.maze": {"vizdoom"},
 }
-ROWS = {"benchmarks.learner": 7, "benchmarks.fetch_learner": 5, "benchmarks.fetch": 10, "benchmarks.grid": 3}
+ROWS = {
+    "benchmarks.learner": 7,
+    "benchmarks.fetch_learner": 5,
+    "benchmarks.fetch": 10,
+    "benchmarks.grid": 3,
+    "benchmarks.maze": 1,
+}
 
 
 class _Idle:

@@ -15,6 +15,7 @@ import pytest
 from sprl_bench import shipped
 from sprl_bench.cli import main
 from sprl_bench.doctor import examine, pinned_versions, probes
+from sprl_bench.envs.maze import maze_bank
 
 Capture = pytest.CaptureFixture[str]
 SOUND: dict[str, dict[str, Any]] = {
@@ -50,6 +51,12 @@ def test_the_doctor_tells_what_would_not_compare(capsys: Capture, monkeypatch: p
     assert "! numpy" in out
     assert "scored runs use 0.1" in out
     assert "may not compare with published ones: numpy" in out
+
+
+def test_the_doctor_knows_the_layouts_of_the_mazes(capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "mazes 10,000 layouts of each level, as in scored runs" in call(capsys)[1]
+    monkeypatch.setattr(maze_bank, "_DIGEST", "")
+    assert "! mazes other layouts than in scored runs" in call(capsys)[1]
 
 
 def test_the_doctor_cannot_tell_without_pins(capsys: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

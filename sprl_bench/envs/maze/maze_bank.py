@@ -6,6 +6,7 @@ step. So its first layouts are stored here, and an episode draws one of them. `n
 
 from __future__ import annotations
 
+import hashlib
 import lzma
 from functools import cache
 from pathlib import Path
@@ -18,6 +19,7 @@ from sprl_bench.envs.maze.levels import CORRIDOR, FLOOR, LEVELS, NUM_LAYOUTS, PL
 
 Layouts = NDArray[np.uint8]
 
+_DIGEST: Final = "b5e919715ed9f39c052a278c050a21ba7aa78a84d7fee9054fd0a1ab93796e0f"
 _FOLDER: Final = Path(__file__).parent
 _ROOM: Final = "A"  # in the generator's layer of variations
 _TOKENS: Final = {"*": WALL, " ": CORRIDOR, "P": SPAWN, "G": PLACE}
@@ -37,6 +39,12 @@ def layouts(level: str) -> Layouts:
 def bank_file(level: str) -> Path:
     """Return the file with the layouts of a level."""
     return _FOLDER / f"{level}.xz"
+
+
+def is_intact() -> bool:
+    """Return whether all files are those of this version."""
+    digest = hashlib.sha256(b"".join(bank_file(level).read_bytes() for level in LEVELS)).hexdigest()
+    return digest == _DIGEST
 
 
 def pack(cells: Layouts) -> bytes:
