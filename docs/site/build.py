@@ -46,7 +46,7 @@ CONTENTS: Final = {
         "baselines/README",
         "docs/hyperparameters",
     ),
-    "Project": ("CONTRIBUTING", "CHANGELOG", "notes/README"),
+    "Project": ("CONTRIBUTING", "SECURITY", "CHANGELOG", "notes/README"),
 }
 
 
