@@ -12,7 +12,7 @@ import re
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,7 +28,7 @@ from sprl_bench.envs.grid.key_doors import KeyDoors
 ROOT: Final = Path(__file__).resolve().parents[2]
 HERE: Final = Path(__file__).resolve().parent
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
-CONTENTS: Final = {
+CONTENTS: Final[Mapping[str, Sequence[str]]] = {
     "Guide": (
         "Start <README>",
         "docs/environments",
@@ -69,7 +69,7 @@ def stage(source: Path) -> None:
     (generated / "python.md").write_text("\n".join(_python()), encoding="utf-8")
     (generated / "environments.md").write_text("\n".join(_environments()), encoding="utf-8")
     index = (HERE / "index.md").read_text(encoding="utf-8")
-    (source / "index.md").write_text("\n".join((index, *_contents(CONTENTS))), encoding="utf-8")
+    (source / "index.md").write_text("\n".join((index, *_contents(_all_parts()))), encoding="utf-8")
     with (source / "notes" / "README.md").open("a", encoding="utf-8") as notes:
         notes.write("\n".join(("", *_contents({"": _notes()}))))
 
@@ -79,6 +79,13 @@ def _pages() -> list[Path]:
     found = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "notes").rglob("*.md")]
     found += [ROOT / "baselines" / "README.md", ROOT / "leaderboards" / "README.md"]
     return sorted(path.relative_to(ROOT) for path in found)
+
+
+def _all_parts() -> dict[str, Sequence[str]]:
+    """Return the table of contents, with every other page of `docs` at the end of the guide."""
+    known = {page for pages in CONTENTS.values() for page in pages}
+    others = [str(page.with_suffix("")) for page in _pages() if page.parts[0] == "docs"]
+    return {**CONTENTS, "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)]}
 
 
 def _notes() -> list[str]:
@@ -113,7 +120,7 @@ def _put(file: Path, source: Path) -> None:
     shutil.copy(ROOT / file, source / file)
 
 
-def _contents(parts: dict[str, Any]) -> Iterator[str]:
+def _contents(parts: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Yield a hidden table of contents for each part of the site; the part without a name is not shown beside pages."""
     for name, pages in parts.items():
         yield "```{toctree}"
