@@ -173,8 +173,9 @@ def test_the_changelog_is_short() -> None:
     assert len([line for line in text_of("CHANGELOG.md").splitlines() if line.strip()]) <= 20
 
 
-def test_the_moving_picture_is_small() -> None:
-    assert (ROOT / "docs" / "keydoors.gif").stat().st_size < 1_000_000
+@pytest.mark.parametrize("name", ["keydoors.gif", "maze.gif"])
+def test_moving_pictures_are_small(name: str) -> None:
+    assert (ROOT / "docs" / name).stat().st_size < 1_000_000
 
 
 def test_a_page_without_code_would_be_noticed() -> None:
