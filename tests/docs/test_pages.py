@@ -37,8 +37,7 @@ LIMITS: Final = {
     "docs/atari.md": 400,
     "docs/clusters.md": 400,
     "docs/experiments.md": 800,
-    "docs/maze.md": 400,
-    "docs/mazes.md": 400,
+    "docs/mazes.md": 450,
     "docs/report.md": 300,
     "docs/trust.md": 300,
 }
