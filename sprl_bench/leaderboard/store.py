@@ -74,15 +74,18 @@ def _line(path: Path, complaint: str) -> int:
     return locate(path, tuple(int(part) if part.isdecimal() else part for part in place))
 
 
-def find_entries(folder: Path) -> list[Entry]:
+def find_entries(folder: str | Path) -> list[Entry]:
     """Read all entries of one board; a warning names those for an earlier version of its suite, which are left out.
 
     Raises:
         InvalidFileError: One of them is broken.
         FileNotFoundError: There is no such folder.
+        ValueError: It is the folder of all boards.
     """
+    folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is not a folder of leaderboard entries.")
+    _refuse_all_boards(folder)
     return _read_current(sorted(folder.glob("*.json")))
 
 
@@ -98,7 +101,7 @@ def _read_current(paths: Iterable[Path]) -> list[Entry]:
     return entries
 
 
-def find_board(name: Path) -> list[Entry]:
+def find_board(name: str | Path) -> list[Entry]:
     """Return the entries of a board's name or folder, or that of one file.
 
     Raises:
@@ -106,16 +109,21 @@ def find_board(name: Path) -> list[Entry]:
         FileNotFoundError: There is nothing of that name.
         ValueError: It is the folder of all boards.
     """
+    name = Path(name)
     if name.is_file():
         return [read_entry(name)]
-    if (name / SCHEMA).exists() or any(name.glob("*/*.json")):
-        raise ValueError(
-            f"{name} is the folder of all boards; name one of them: {', '.join(_names(name)) or 'none yet'}."
-        )
+    _refuse_all_boards(name)
     folder = name if any(name.glob("*.json")) else home() / name
     if not folder.is_dir():
         raise FileNotFoundError(unknown("entry or board", str(name), _names(home())))
     return find_entries(folder)
+
+
+def _refuse_all_boards(folder: Path) -> None:
+    if (folder / SCHEMA).exists() or any(folder.glob("*/*.json")):
+        raise ValueError(
+            f"{folder} is the folder of all boards; name one of them: {', '.join(_names(folder)) or 'none yet'}."
+        )
 
 
 def _names(folder: Path) -> list[str]:
@@ -125,13 +133,13 @@ def _names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.is_dir() and path.name != FOLDER)
 
 
-def validate(paths: Iterable[Path]) -> list[str]:
+def validate(paths: Iterable[str | Path]) -> list[str]:
     """Return one line for each file that is no valid entry, or not comparable with those in its folder.
 
     Files of pending runs are checked, too.
     """
     complaints = []
-    for path in paths:
+    for path in map(Path, paths):
         try:
             if FOLDER in path.resolve().parts[-3:-2]:
                 read_pending(path)
@@ -178,13 +186,14 @@ def board(entries: Sequence[Entry]) -> Table:
     return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
 
 
-def boards(folder: Path, suite: str | None = None) -> list[Table]:
+def boards(folder: str | Path, suite: str | None = None) -> list[Table]:
     """Return the boards below a folder, or that of one suite.
 
     Raises:
         ValueError: There is no entry, or no board of that name.
         InvalidFileError: An entry is broken.
     """
+    folder = Path(folder)
     names = _names(folder)
     if suite is not None and suite not in names:
         raise ValueError(unknown("leaderboard", suite, names))
@@ -195,7 +204,7 @@ def boards(folder: Path, suite: str | None = None) -> list[Table]:
     return tables
 
 
-def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
+def add_entry(entry: Entry, folder: str | Path, *, replace: bool = False) -> Path:
     """Write an entry below the folder of all boards and return its path.
 
     Raises:
@@ -203,7 +212,7 @@ def add_entry(entry: Entry, folder: Path, *, replace: bool = False) -> Path:
         IncomparableError: It is not comparable with the other entries.
         InvalidFileError: One of those is broken.
     """
-    path = entry_path(folder, entry.suite, entry.agent)
+    path = entry_path(Path(folder), entry.suite, entry.agent)
     if path.exists() and not replace:
         raise FileExistsError(f"{path} exists; replace it with --replace.")
     others = _read_current(other for other in sorted(path.parent.glob("*.json")) if other != path)

@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # the extra `plots`
 
 def plot(
     records: Iterable[RunRecord],
-    output: Path,
+    output: str | Path,
     *,
     tasks: Sequence[str] | None = None,
     agents: Sequence[str] | None = None,
@@ -50,6 +50,7 @@ def plot(
 
     The arguments and errors are those of `sprl_bench.tables.tabulate`; `output` is a .png, .svg or .pdf file.
     """
+    output = Path(output)
     check_suffix(output)
     everything = list(records)
     tables = tabulate(everything, tasks=tasks, agents=agents, planned=planned, allow_missing=allow_missing)

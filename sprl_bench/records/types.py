@@ -337,7 +337,7 @@ def check_scores(task: TaskSpec, return_curve: Sequence[float], success_curve: S
             raise ValueError(f"scores.{name} is {getattr(scores, name)} but its curve gives {expected}")
 
 
-def find_records(root: Path) -> list[RunRecord]:
+def find_records(root: str | Path) -> list[RunRecord]:
     """Read all records below `root`, in the order of their paths.
 
     Raises:
@@ -347,8 +347,9 @@ def find_records(root: Path) -> list[RunRecord]:
     return [record for _, record in find_recorded(root)]
 
 
-def find_recorded(root: Path) -> list[tuple[Path, RunRecord]]:
+def find_recorded(root: str | Path) -> list[tuple[Path, RunRecord]]:
     """Return the folder and the record of each run that has one, as `find_records` does."""
+    root = Path(root)
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
     return [(path.parent, read(path, RunRecord)) for path in find_files(root, RECORD)]

@@ -65,7 +65,7 @@ class Observer:
 
 def run_suite(
     specs: Sequence[RunSpec],
-    out: Path,
+    out: str | Path,
     *,
     executor: Executor,
     observer: Observer = Observer(),  # noqa: B008 - it has no state
@@ -82,7 +82,7 @@ def run_suite(
     Raises:
         SpecChangedError: There are results under the same name with another spec. No run was started.
     """
-    out = out.absolute()  # workers may have another working directory
+    out = Path(out).absolute()  # workers may have another working directory
     _refuse_changes(specs, out)
     _warn_of_width(specs)
     planned = {_key(spec): _planned(spec, out) for spec in specs}

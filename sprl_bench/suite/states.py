@@ -41,7 +41,7 @@ class RunState:
     success: float | None = None
 
 
-def survey(out: Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunState]:
+def survey(out: str | Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunState]:
     """Return the state of every run below `out`, in the order of their paths.
 
     Args:
@@ -53,9 +53,9 @@ def survey(out: Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunS
         FileNotFoundError: There is no such folder.
         InvalidFileError: A file there is broken, or a run lies in another's folder.
     """
-    if not out.exists():
+    root = _normal(Path(out))
+    if not root.exists():
         raise FileNotFoundError(f"{out} does not exist.")
-    root = _normal(out)
     folders = {path.parent for name in (SPEC, RECORD) for path in find_files(root, name)}
     finished = {_normal(folder): record for folder, record in known if record.status == "complete"}
     return [_finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)]
