@@ -134,7 +134,7 @@ def _packed(looks: Integers, row: int, surface: int, light: int) -> int:
     """Return the colour of a surface in a light of 256, its channels 16 bits apart: one product scales all three."""
     at = surface * SURFACE_VALUES
     red, green, blue = looks[row, at + 1] * light >> 8, looks[row, at + 2] * light >> 8, looks[row, at + 3] * light >> 8
-    return red | green << 16 | blue << 32
+    return int(red | green << 16 | blue << 32)
 
 
 @inline

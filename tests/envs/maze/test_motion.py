@@ -16,7 +16,7 @@ from sprl_bench.envs.maze.directions import DIRECTIONS
 from sprl_bench.envs.maze.levels import BACK, FIRE, FORWARD, LOOK_LEFT, LOOK_RIGHT, STRAFE_LEFT, STRAFE_RIGHT, WALL
 from sprl_bench.envs.maze.motion import CELL, HALF_WIDTH, TOP_SPEED, eased, move
 
-STEPS = int(os.environ.get("SPRL_MAZE_STEPS", "100000"))  # random steps in each level
+STEPS = int(os.environ.get("SPRL_MAZE_STEPS", "30000"))  # random steps in each level
 EAST, SOUTH = 0, DIRECTIONS // 4
 
 
