@@ -6,6 +6,7 @@ picture has 160 x 120 pixels, 2.7 times as many as ours; most of its time is not
 
 from __future__ import annotations
 
+import tempfile
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -55,6 +56,7 @@ def doom(steps: int) -> Turn:
 
     game = vizdoom.DoomGame()
     game.load_config(str(Path(vizdoom.scenarios_path) / f"{SCENARIO}.cfg"))
+    game.set_doom_config_path(str(Path(tempfile.mkdtemp()) / "vizdoom.ini"))  # else it writes into this folder
     game.set_window_visible(False)
     game.set_screen_resolution(vizdoom.ScreenResolution.RES_160X120)
     game.set_screen_format(vizdoom.ScreenFormat.RGB24)

@@ -23,8 +23,8 @@ def test_the_name_changes_with_every_source(tmp_path: Path) -> None:
 
 
 def test_kernels_are_named_after_the_sources_that_they_are_made_of() -> None:
-    grids = numba_cache.sources(compiled.HERE, compiled.HERE / "grid", compiled.HERE)
-    assert fill_doubles.py_func.__qualname__.endswith(grids)
+    tasks = numba_cache.sources(compiled.HERE, compiled.HERE / "grid", compiled.HERE / "maze")
+    assert fill_doubles.py_func.__qualname__.endswith(tasks)
     learner = numba_cache.sources(Path(convolution_loops.__file__).parent)
     assert convolution_loops.forward.py_func.__qualname__.endswith(learner)
 

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import subprocess
+import sys
 from fractions import Fraction
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -20,6 +24,7 @@ from sprl_bench.envs.maze.maze_bank import layouts
 from sprl_bench.envs.maze.motion import CELL
 from sprl_bench.envs.maze.textures import PATTERNS, TEXELS
 
+ROOT = Path(__file__).parents[3]
 NEAR_CORNER = Fraction(1, 500)  # of a cell: there an exact ray and a rounded one may part
 
 
@@ -205,3 +210,16 @@ def test_every_processor_draws_the_same_bits(env_id: str, fog: bool) -> None:
         digest.update(observations.tobytes() + rewards.tobytes())
     digest.update(envs.mazes.worlds.poses.tobytes())
     assert digest.hexdigest()[:16] == HASHES[env_id][fog]
+
+
+@pytest.mark.slow
+def test_a_processor_without_vector_instructions_draws_them_too(tmp_path: Path) -> None:
+    """Compile for the oldest processors, without any code that was compiled for this one."""
+    environment = {
+        **os.environ,
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CPU_FEATURES": "",
+        "NUMBA_CACHE_DIR": str(tmp_path),
+    }
+    chosen = f"{__file__}::test_every_processor_draws_the_same_bits"
+    subprocess.run([sys.executable, "-m", "pytest", "-q", chosen], env=environment, cwd=ROOT, check=True)
