@@ -37,11 +37,15 @@ def run_path(suite: str, task: str, agent: str, seed: int | str) -> Path:
 
 
 def find_files(root: Path, name: str) -> list[Path]:
-    """Return all files of a name below a folder, sorted. Linked folders are searched too, each folder once.
+    """Return all files of a name below a folder, sorted; none if there is no such folder.
+
+    Linked folders are searched too, each folder once.
 
     Raises:
         PermissionError: A folder may not be read.
     """
+    if not root.exists():
+        return []
     found, seen = [], set[tuple[int, int]]()
     for folder, folders, files in os.walk(root, onerror=_raise, followlinks=True):
         status = Path(folder).stat()

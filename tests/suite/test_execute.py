@@ -163,12 +163,14 @@ def test_a_run_that_never_began_may_change(tmp_path: Path) -> None:
     assert read(spec.path(tmp_path) / "spec.json", RunSpec) == changed[0]
 
 
-def test_a_broken_file_stops_the_suite_before_it_starts(tmp_path: Path) -> None:
-    (spec,) = walkers()
-    run_suite([spec], tmp_path, executor=Here())
-    (spec.path(tmp_path) / "record.json").write_text("{")
-    with pytest.raises(InvalidFileError, match=r"record\.json"):
-        run_suite([spec], tmp_path, executor=Here())
+def test_a_broken_record_fails_its_run_alone(tmp_path: Path) -> None:
+    broken, other = walkers([0, 1])
+    run_suite([broken], tmp_path, executor=Here())
+    (broken.path(tmp_path) / "record.json").write_text("{")
+    outcomes = run_suite([broken, other], tmp_path, executor=Here())
+    assert statuses(outcomes) == ["failed", "finished"]
+    assert "record.json" in outcomes[0].error
+    assert (broken.path(tmp_path) / "record.json").read_text() == "{"
 
 
 def test_a_run_that_another_command_works_on_is_left_to_it(tmp_path: Path) -> None:
