@@ -16,7 +16,7 @@ def reproduce(
     seeds: Annotated[str, typer.Option(help="How many seeds, from 0; or the seeds themselves, as in 0,3,7.")] = "5",
     budget_share: Annotated[float, typer.Option(help="The budgets, as a share of the tasks' own.")] = 1.0,
     base: Annotated[
-        str | None, typer.Option(help="Vary this agent instead, as in sprl@tuned; for studies of one agent.")
+        str | None, typer.Option(help="Vary this agent instead, as in sprl@ablation; for studies of one agent.")
     ] = None,
     task: Tasks = None,
     out: Annotated[Path, typer.Option(help="The folder of the runs and the page.")] = Path("studies"),

@@ -140,7 +140,7 @@ def is_locked(folder: Path) -> bool:
     """Return whether a process works in this folder."""
     try:
         descriptor = open_own(folder / LOCK, os.O_RDONLY)
-    except (FileNotFoundError, PermissionError, LinkedFileError):  # whoever may not open it cannot ask
+    except (FileNotFoundError, PermissionError, LinkedFileError):  # taken as not locked
         return False
     try:
         _flock(descriptor, fcntl.LOCK_SH)

@@ -88,6 +88,8 @@ class Verdict:
         needed = [one.more_seeds for one in self.differences if one.more_seeds is not None]
         if self.outcome != "not decided":
             return text
+        if not needed and all(one.interval is not None for one in self.differences):
+            return f"{text} Every difference is 0, so no number of seeds would decide."
         if not needed:
             return f"{text} One seed decides nothing; run at least two, better five."
         most = max(needed)

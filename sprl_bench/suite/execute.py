@@ -105,13 +105,13 @@ def _key(spec: RunSpec) -> RunKey:
 
 
 def _planned(spec: RunSpec, out: Path) -> Outcome | None:
-    """Lay down the spec of a run that waits; return the outcome of one that is finished, or cannot begin."""
+    """Write the spec of a run that waits; return the outcome of one that is finished, or cannot begin."""
     folder = spec.path(out)
     try:
         if find_finished(folder, spec) is not None:
             tidy(folder)
             return Outcome(spec, "skipped")
-        with contextlib.suppress(LockedError), lock(folder):  # whoever holds it has laid down the same
+        with contextlib.suppress(LockedError), lock(folder):  # the process that holds it has written the same
             write(folder / SPEC, spec, own=True)
     except (OSError, InvalidFileError) as error:  # the others go on
         return Outcome(spec, "failed", _line_of(error))
