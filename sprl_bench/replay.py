@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import gymnasium
 import numpy as np
@@ -25,6 +25,9 @@ from sprl_bench.records import RunRecord, RunSpec, gather, read
 from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD, run_path
 from sprl_bench.run import env_seed, make_envs, run
 from sprl_bench.suggestions import unknown
+
+
+MOST_ENVS: Final = 4_096  # single environments of one run
 
 
 @dataclass(frozen=True)
@@ -196,6 +199,8 @@ def _number_of_envs(events: Iterable[Event]) -> int:
             largest = max([largest, *(event.envs.tolist() if event.envs is not None else ())])
         else:
             largest = max(largest, event.env)
+    if largest >= MOST_ENVS:
+        raise UnfitForTapeError(f"A tape has an environment of index {largest}; it must be below {MOST_ENVS}.")
     return largest + 1
 
 

@@ -287,6 +287,14 @@ def test_a_script_with_a_vector_environment_is_replayed(mode: str, tmp_path: Pat
     assert found.equal, found.difference
 
 
+def test_a_tape_cannot_ask_for_environments_without_limit(kept: Path) -> None:
+    with (kept / ACTIONS).open("w+b") as file:
+        tape = Tape(file, Head(0, "", 7))
+        tape.reset(None, env=10**9)
+    with pytest.raises(NotReplayableError, match="has an environment of index 1000000000; it must be below 4096"):
+        verify(kept)
+
+
 # --------------------------------------------------------------------------- the command
 
 
