@@ -26,7 +26,6 @@ from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD, run_path
 from sprl_bench.run import env_seed, make_envs, run
 from sprl_bench.suggestions import unknown
 
-
 MOST_ENVS: Final = 4_096  # single environments of one run
 
 
