@@ -137,7 +137,7 @@ def test_an_interrupted_run_keeps_the_same_tape(finished: Path, tmp_path: Path) 
         run(spec, tmp_path, keep_actions=True, stop=lambda: next(stops))
     folder = spec.path(tmp_path)
     with (folder / ACTIONS).open("ab") as file:
-        file.write(b"steps after the checkpoint")
+        file.write(b"steps after the checkpoint" * 1_000)
     run(spec, tmp_path)  # it goes on as it began
     assert (folder / ACTIONS).read_bytes() == (finished / ACTIONS).read_bytes()
     assert verify(folder).equal
