@@ -77,9 +77,8 @@ def _grid(name: str, budget: int) -> Task:
     )
 
 
-def _fetch(task: str, budget: int | None = None, **arguments: int | float) -> Task:
+def _fetch(task: str, budget: int, **arguments: int | float) -> Task:
     """Return a Fetch task, named after the arguments in which it differs from the plain one."""
-    budget = budget or (1_000_000 if task == "Reach" else 2_000_000)
     suffixes = [f"{argument.removeprefix('action_')}{value}" for argument, value in arguments.items()]
     name = "-".join([f"Fetch{task}", *suffixes])
     env_id = f"SPRL/Fetch{task}Sparse-v1"
@@ -142,7 +141,10 @@ def _maze(level: str, horizon: int, score_range: tuple[float, float]) -> Task:
 
 _GRID_7X7 = (_grid("FourRooms-7x7", 500_000), _grid("KeyDoors-7x7", 2_000_000))
 _GRID_11X11 = (_grid("FourRooms-11x11", 2_000_000), _grid("KeyDoors-11x11", 5_000_000))
-_FETCH_SUBSTEPS = {"Reach": 3, "Push": 8, "Slide": 10, "PickAndPlace": 10}  # appendix A.5
+_OBJECT_TASKS = ("Push", "Slide", "PickAndPlace")
+# Substep and budget: appendix A.5's substeps, but for Reach's, which PPO alone solves within a third of the budget. A
+# pilot chose the budgets (notes/fetch-pilot.md).
+_SPARSE_FETCH = {"Reach": (2, 1_000_000), "Push": (8, 600_000), "Slide": (10, 600_000), "PickAndPlace": (10, 600_000)}
 _MAZES = (
     _maze("GoalSmall", 1350, (0.0, 600.0)),
     _maze("GoalLarge", 1800, (0.0, 500.0)),
@@ -153,16 +155,20 @@ _SMOKE = replace(_grid("FourRooms-7x7", 100_000), max_num_envs=None)  # not a be
 _ROWS = (
     Suite("grid", 1, _GRID_7X7 + _GRID_11X11),
     Suite("grid-7x7", 1, _GRID_7X7),
-    Suite("fetch", 1, (_fetch("Reach", 500_000), _fetch("Push"), _fetch("Slide"), _fetch("PickAndPlace"))),
-    Suite("fetch-sparse", 1, tuple(_fetch(task, substep=substep) for task, substep in _FETCH_SUBSTEPS.items())),
-    Suite("sparsity", 1, tuple(_fetch("Reach", substep=substep) for substep in (2, 3, 4, 6))),
+    Suite("fetch", 1, (_fetch("Reach", 500_000), *(_fetch(task, 2_000_000) for task in _OBJECT_TASKS))),
+    Suite(
+        "fetch-sparse",
+        1,
+        tuple(_fetch(task, budget, substep=substep) for task, (substep, budget) in _SPARSE_FETCH.items()),
+    ),
+    Suite("sparsity", 1, tuple(_fetch("Reach", 1_000_000, substep=substep) for substep in (2, 3, 4, 6))),
     Suite(
         "noise",
         1,
         tuple(
-            _fetch(task, substep=substep, action_noise=noise)
+            _fetch(task, budget, substep=substep, action_noise=noise)
             for noise in (0.03, 0.1, 0.3)
-            for task, substep in _FETCH_SUBSTEPS.items()
+            for task, (substep, budget) in _SPARSE_FETCH.items()
         ),
     ),
     Suite("maze", 1, _MAZES),

@@ -78,7 +78,7 @@ def main(root: Path) -> None:
     smoke = ("--suite", "smoke")
     _run(root / "smoke", *smoke, "--agents", AGENTS)
     _run(root / "trusted", *smoke, "--agents", "eco,sprl", *TRUSTED)
-    reach = ("--suite", "fetch-sparse", "--task", "FetchReach-substep3", "--agents", "ppo", "--budget", "20000")
+    reach = ("--suite", "sparsity", "--task", "FetchReach-substep3", "--agents", "ppo", "--budget", "20000")
     _run(root / "fetch", *reach)
     _interrupted(root / "resumed", *smoke, "--agents", "sprl", *TRUSTED)
     for part in ("smoke", "trusted", "fetch", "resumed"):

@@ -110,7 +110,7 @@ def test_events_come_back_in_their_order(tmp_path: Path) -> None:
         ("random", "grid-7x7", "KeyDoors-7x7"),
         ("sprl", "grid-7x7", "FourRooms-7x7"),
         ("ppo", "fetch-sparse", "FetchPickAndPlace-substep10"),
-        ("ppo", "noise", "FetchReach-substep3-noise0.1"),
+        ("ppo", "noise", "FetchReach-substep2-noise0.1"),
     ],
 )
 def test_a_run_is_replayed_equal(agent: str, suite: str, task: str, tmp_path: Path) -> None:
