@@ -75,14 +75,16 @@ class Playable(Resumable, Protocol):
 class AgentFactory(Protocol):
     """Makes an agent from keyword arguments.
 
-    Five attributes are optional:
+    Six attributes are optional:
 
     - `privileged` (bool, default False): whether the agent sees more than an ordinary one;
     - `information` (names, default none): what else it uses: "relabelling", "resetting", "shaped";
     - `hyperparameters(domain, overrides)`, with a third argument `preset` if the agent has presets: returns all
       hyperparameters; without it they are the factory's keyword arguments and their defaults;
     - `default_preset` (text): the preset that the agent's plain name means;
-    - `ranges(domain)`: returns the values of hyperparameters that `sprl-bench sweep --range table` tries.
+    - `ranges(domain)`: returns the values of hyperparameters that `sprl-bench sweep --range table` tries;
+    - `wait(hyperparameters)`: returns the env steps before which what the agent adds is not in use, so that a run with
+      a smaller budget can be told that it says nothing about it.
     """
 
     def __call__(self, *, seed: int, device: str = "cpu", **hyperparameters: Any) -> Agent:

@@ -39,6 +39,7 @@ class _Overview:
         self._specs, self._out = specs, out
         self.states: list[RunState] = []
         self.look()
+        self._began, self._had = time.monotonic(), self.env_steps
 
     def look(self) -> None:
         """Read the folders of unfinished runs again."""
@@ -50,14 +51,22 @@ class _Overview:
         self.env_steps = sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
         self.speed = sum(state.steps_per_second for state in self.running)
 
+    def done(self) -> str:
+        """Return one line on what is done."""
+        return f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps"
+
     def summary(self) -> str:
-        """Return one line."""
-        done = f"{self.finished}/{len(self.states)} runs, {self.env_steps:,}/{self.budget:,} env steps"
+        """Return one line on what is done and what is left."""
+        done = self.done()
         if self.finished == len(self.states):
             return done
-        steps = self.budget - self.env_steps
-        left = steps / self.speed if self.speed else None if steps else 0.0
-        return f"{done}, {self.speed:,.0f} steps/s, {duration(left)} left"
+        steps, speed = self.budget - self.env_steps, self.speed or self._mean_speed()
+        left = steps / speed if speed else None if steps else 0.0
+        return f"{done}, {speed:,.0f} steps/s, {duration(left)} left"
+
+    def _mean_speed(self) -> float:
+        """Return the env steps per second since the start: runs that are short may tell nothing while they run."""
+        return (self.env_steps - self._had) / max(time.monotonic() - self._began, 1e-9)
 
 
 def _label(spec: RunSpec) -> str:
@@ -105,7 +114,7 @@ class PlainProgress(Observer):
         self._end.set()
         self._thread.join()
         self._overview.look()
-        self._print(self._overview.summary())
+        self._print(self._overview.done())
 
     def _print(self, line: str) -> None:
         print(line, file=self._stream, flush=True)
@@ -133,7 +142,7 @@ class LiveProgress(Observer):
         """Replace the bars by their last line."""
         self._live.stop()
         self._overview.look()
-        self._console.print(self._overview.summary())
+        self._console.print(self._overview.done())
 
     def _picture(self) -> RenderableType:
         if time.monotonic() - self._seen > LIVE_S:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Final
+
+LISTED: Final = 20  # names that are listed beside a suggestion
 
 
 def did_you_mean(name: object, allowed: Iterable[object]) -> str:
@@ -14,7 +17,9 @@ def did_you_mean(name: object, allowed: Iterable[object]) -> str:
 
 
 def unknown(kind: str, name: str, allowed: Iterable[str]) -> str:
-    """Return "Unknown KIND 'NAME'...", with the nearest allowed name and the whole list."""
+    """Return "Unknown KIND 'NAME'...", with the nearest allowed name, and the list unless it is long."""
     names = sorted(allowed)
     hint = did_you_mean(name, names)
+    if hint and len(names) > LISTED:
+        return f"Unknown {kind} {name!r}; {hint}"
     return f"Unknown {kind} {name!r}; {f'{hint} Allowed' if hint else 'allowed'}: {', '.join(names) or 'none'}."

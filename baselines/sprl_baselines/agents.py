@@ -237,6 +237,11 @@ class LearningAgentFactory(Generic[C]):
         """Return what the paper swept over for this agent on a domain; empty where it has nothing."""
         return RANGES[domain].get(self.name, {})
 
+    def wait(self, hyperparameters: Mapping[str, Any]) -> int:
+        """Return the env steps before which the bonus is 0 whatever its hyperparameters are."""
+        config, bonus_config = self._configs(hyperparameters)
+        return bonus_config.wait(config.num_envs, config.rollout_length)
+
     def _configs(self, values: Mapping[str, Any]) -> tuple[PPOConfig, C]:
         reject_unknown("hyperparameter", values, PPOConfig.names() + self.bonus_config.names())
         config, bonus_config = PPOConfig.pick(values), self.bonus_config.pick(values)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final
@@ -26,6 +26,9 @@ AllowMissing = Annotated[
 ]
 Format = Annotated[
     str | None, typer.Option("--format", help="rich, md, csv, latex or json; by default by the file's suffix.")
+]
+KeepActions = Annotated[
+    bool, typer.Option("--keep-actions", help="Keep every action, so that sprl-bench verify can repeat the runs.")
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
 Picture = Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")]
@@ -80,6 +83,14 @@ def deliver(text: str, output: Path | None) -> None:
 def terminal_width(output: Path | None) -> int | None:
     """Return the columns of the terminal, or None if the text does not go to one."""
     return shutil.get_terminal_size().columns if output is None and sys.stdout.isatty() else None
+
+
+def note_short_budgets(specs: Sequence[RunSpec]) -> None:
+    """Say which runs end before their agents' networks are in use."""
+    from sprl_bench.suite import too_short
+
+    for sentence in too_short(specs):
+        typer.echo(f"Note: {sentence}", err=True)
 
 
 def find_modules_here() -> None:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sprl_bench.cli.options import Tasks, find_modules_here, parse_seeds
+from sprl_bench.cli.options import KeepActions, Tasks, find_modules_here, note_short_budgets, parse_seeds
+
+if TYPE_CHECKING:  # loaded when the command needs it
+    from sprl_bench.records import RunSpec
 
 
 def reproduce(
@@ -24,6 +28,7 @@ def reproduce(
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+    keep_actions: KeepActions = False,
 ) -> int:
     """Run one of the paper's experiments, draw its figure and judge its claim; the same command again continues."""
     from sprl_bench import studies
@@ -42,9 +47,13 @@ def reproduce(
     specs = studies.specs_of(chosen, parse_seeds(seeds), budget_share, agents=agents, tasks=task or None, device=device)
     failed = 0
     if runs is None and specs:
-        outcomes = run_suite(specs, out, executor=make_executor(executor, workers), observer=make_observer())
+        note_short_budgets(specs)
+        works = make_executor(executor, workers)
+        outcomes = run_suite(specs, out, executor=works, observer=make_observer(), keep_actions=keep_actions)
         failed = sum(outcome.status == "failed" for outcome in outcomes)
     evidence = studies.evidence_of(specs, runs or out) if specs else studies.Evidence()
+    if runs is not None and specs and not evidence.results:
+        raise FileNotFoundError(_none_of_these(study, specs, runs))
     verdict = chosen.judge(evidence, agents)
     missing = studies.missing_runs(specs, evidence)
     command = _command(study, seeds, budget_share, base, task, out)
@@ -52,10 +61,26 @@ def reproduce(
     for path in studies.write_study(chosen, evidence, verdict, out, command=command, missing=missing):
         typer.echo(f"Wrote {path}.", err=True)
     typer.echo(f"Claim:   {chosen.claim}")
-    typer.echo(f"Verdict: {verdict.sentence}")
+    typer.echo(f"Verdict: {verdict.short}")
+    for difference in verdict.differences:
+        typer.echo(f"         {difference}")
     if missing:
         typer.echo(f"{len(missing)} of {len(specs)} runs are missing: {missing[0]}, ...", err=True)
     return 1 if failed else 0
+
+
+def _none_of_these(study: str, specs: Sequence[RunSpec], runs: Path) -> str:
+    """Return a sentence that says what a study needs and what the folder holds instead."""
+    from sprl_bench.records import find_records
+
+    there = sorted({f"{one.spec.agent} on {one.spec.task.name}, seed {one.spec.seed}" for one in find_records(runs)})
+    first = specs[0]
+    return (
+        f"{runs} holds no finished run of {study} with these seeds and budgets, such as {first.agent} on "
+        f"{first.task.name}, seed {first.seed}; it holds {'; '.join(there[:3])}{' ...' * (len(there) > 3)}."
+        if there
+        else f"{runs} holds no finished run; {study} needs {len(specs)}."
+    )
 
 
 def _command(study: str, seeds: str, budget_share: float, base: str | None, tasks: list[str] | None, out: Path) -> str:

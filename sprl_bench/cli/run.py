@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sprl_bench.agent_names import parse_settings
-from sprl_bench.cli.options import find_modules_here, parse_seeds, split_names
+from sprl_bench.cli.options import KeepActions, find_modules_here, note_short_budgets, parse_seeds, split_names
 
 if TYPE_CHECKING:  # loaded when the command needs them
     from sprl_bench.records import RunRecord, RunSpec
@@ -48,9 +48,7 @@ def run(
     log: Annotated[
         str, typer.Option(help="Where diagnostics go, too: tensorboard, or your own as package.module:factory.")
     ] = "",
-    keep_actions: Annotated[
-        bool, typer.Option("--keep-actions", help="Keep every action, so that sprl-bench verify can repeat the runs.")
-    ] = False,
+    keep_actions: KeepActions = False,
     known: Annotated[
         Path | None, typer.Option(help="A folder of pending runs, which count as finished: leaderboards/pending.")
     ] = None,
@@ -82,6 +80,7 @@ def run(
     left, found = split_known(specs, find_pending(known)) if known else (specs, [])
     if found:
         typer.echo(f"{len(found)} of {len(specs)} runs are known from {known}.", err=True)
+    note_short_budgets(left)
     outcomes = run_suite(left, out, executor=works, observer=make_observer(), log=log, keep_actions=keep_actions)
     return _report(left, found, outcomes, out)
 

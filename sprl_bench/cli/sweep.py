@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sprl_bench.cli.options import Tasks, check_choice, find_modules_here, parse_seeds, split_names
+from sprl_bench.cli.options import (
+    KeepActions,
+    Tasks,
+    check_choice,
+    find_modules_here,
+    note_short_budgets,
+    parse_seeds,
+    split_names,
+)
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.sweeps import Declaration
@@ -37,6 +45,7 @@ def sweep(
     workers: Annotated[int, typer.Option(min=0, help="How many runs at once; 0 for one a core.")] = 0,
     executor: Annotated[str, typer.Option(help="local, ray or slurm.")] = "local",
     device: Annotated[str, typer.Option(help="Where agents compute: auto, cpu, cuda or cuda:N.")] = "auto",
+    keep_actions: KeepActions = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be run, and stop.")] = False,
 ) -> int:
     """Train every setting of a range; the same command again continues where it stopped."""
@@ -65,7 +74,8 @@ def sweep(
         return 0
     works = make_executor(executor, workers)
     sweeps.declare(declaration, out)
-    outcomes = run_suite(specs, out, executor=works, observer=make_observer())
+    note_short_budgets(specs)
+    outcomes = run_suite(specs, out, executor=works, observer=make_observer(), keep_actions=keep_actions)
     failed = sum(outcome.status == "failed" for outcome in outcomes)
     if failed:
         typer.echo(f"{failed} of {len(outcomes)} runs failed; the same command tries them again.", err=True)
@@ -123,7 +133,10 @@ def _seeds(text: str, suite: str) -> list[int]:
     used |= {run.spec.seed for one in leaderboard.find_pending(home) if one.suite == suite for run in one.runs}
     for seed in seeds:
         if seed in used or seed < FIRST_SEED:
-            raise ValueError(f"seeds holds {seed}; it must hold seeds from {FIRST_SEED} on that no entry uses.")
+            raise ValueError(
+                f"seeds holds {seed}, which is reserved for leaderboards; it must hold seeds from {FIRST_SEED} on that "
+                "no entry uses."
+            )
     return seeds
 
 

@@ -12,6 +12,10 @@ from sprl_bench.studies.study import Evidence, Study
 from sprl_bench.studies.verdicts import Verdict
 from sprl_bench.tables import render, split_suites, tabulate_results
 
+INTERVALS: Final = (
+    "Bootstrap intervals; over few seeds they are somewhat too narrow. Seeds are not paired: the same seed of two "
+    "agents is two independent runs, so even agents that do the same have an interval around 0, and not 0 itself."
+)
 STEMS: Final = (".md", ".png", ".pdf")
 
 
@@ -72,11 +76,11 @@ def _page(
         "",
         f"**The paper's claim.** {study.claim}",
         "",
-        f"**Verdict.** {verdict.sentence}",
+        f"**Verdict.** {verdict.short}",
         "",
     ]
     if verdict.differences:
-        lines += ["95 % bootstrap intervals. Over few seeds they are somewhat too narrow.", ""]
+        lines += [*_differences(verdict), "", INTERVALS, ""]
     if study.decisions:
         lines += [study.decisions, ""]
     if has_figure:
@@ -84,10 +88,27 @@ def _page(
     if study.table is not None and (numbers := study.table(evidence)):
         lines += [numbers, ""]
     if evidence.results:
-        lines += [*_runs(evidence), "", _tables(evidence), ""]
+        lines += [*_runs(evidence), *_unnamed(study, evidence), "", _tables(evidence), ""]
     if missing:
         lines += [f"**Missing.** {len(missing)} runs: {'; '.join(missing[:5])}{' ...' * (len(missing) > 5)}.", ""]
     return "\n".join([*lines, "```", command, "```", ""])
+
+
+def _differences(verdict: Verdict) -> list[str]:
+    """Return the table of the differences that a verdict rests on."""
+    rows = [(one.what, f"{one.value:+.3f}", one.ends, one.outcome) for one in verdict.differences]
+    head = ("difference", "value", "95 % interval", "that it is above 0")
+    return [f"| {' | '.join(row)} |" for row in (head, ("---",) * len(head), *rows)]
+
+
+def _unnamed(study: Study, evidence: Evidence) -> list[str]:
+    """Return a sentence on the axis' value of the agents whose names do not give it."""
+    values = {
+        one.hyperparameters[study.axis]
+        for one in evidence.results
+        if study.axis in one.hyperparameters and f"+{study.axis}=" not in one.agent
+    }
+    return [f"An agent without {study.axis} in its name has {study.axis} = {values.pop()}."] if len(values) == 1 else []
 
 
 def _runs(evidence: Evidence) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_records
 from sprl_bench.scores import Array
 from sprl_bench.studies.verdicts import Verdict
 from sprl_bench.suggestions import unknown
-from sprl_bench.suite import expand
+from sprl_bench.suite import expand, hyperparameters_of, plainest
 from sprl_bench.tables import Result, select_results
 from sprl_bench.tasks import find_suite
 
@@ -92,18 +92,28 @@ class Study:
     decisions: str = ""
 
     def on_base(self, base: str) -> tuple[str, ...]:
-        """Return the agents with another base: an agent, a preset and differences that replace those of the first one.
+        """Return the agents with another base: what varies keeps its values, all else is the base's.
 
         Raises:
-            ValueError: The study compares agents, not variants of one.
+            ValueError: The study compares agents, not variants of one, or the base is unknown or out of range.
         """
         own = [AgentName.parse(agent) for agent in self.agents]
         if len({(name.source, name.preset) for name in own}) > 1:
             raise ValueError(f"base is {base!r}; it must be left out, as {self.name} compares different agents.")
         new = AgentName.parse(base)
-        shared = {key for key in own[0].differences if all(key in name.differences for name in own)}
-        varied = [{key: value for key, value in name.differences.items() if key not in shared} for name in own]
-        return tuple(AgentName(new.source, new.preset, {**new.differences, **each}).full for each in varied)
+        variants = [replace(new, differences={**new.differences, **values}) for values in self._varied(own)]
+        return tuple(plainest(variant, self._domain).full for variant in variants)
+
+    def _varied(self, own: Sequence[AgentName]) -> list[dict[str, Any]]:
+        """Return the values of each agent that are not the same in all, such as its k."""
+        keys = {key for name in own for key in name.differences if not all(key in one.differences for one in own)}
+        resolved = [hyperparameters_of(name, self._domain).values for name in own]
+        return [{key: values[key] for key in sorted(keys)} for values in resolved]
+
+    @property
+    def _domain(self) -> str:
+        suite, names = next(iter(self.tasks.items()))
+        return find_suite(suite).task(names[0]).domain
 
 
 def specs_of(

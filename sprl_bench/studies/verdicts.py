@@ -55,10 +55,14 @@ class Difference:
         ratio = (self.interval.high - self.interval.low) / 2 / abs(self.value)
         return max(1, math.ceil(self.seeds * ratio**2) - self.seeds) if ratio < MOST else MOST + 1
 
+    @property
+    def ends(self) -> str:
+        """The interval as text."""
+        return f"[{self.interval.low:.3f}, {self.interval.high:.3f}]" if self.interval else "no interval"
+
     def __str__(self) -> str:
         """Return the difference with its interval."""
-        ends = f"[{self.interval.low:.3f}, {self.interval.high:.3f}]" if self.interval else "no interval"
-        return f"{self.what}: {self.value:+.3f}, {ends}"
+        return f"{self.what}: {self.value:+.3f}, {self.ends}"
 
 
 @dataclass(frozen=True)
@@ -80,21 +84,31 @@ class Verdict:
     @property
     def sentence(self) -> str:
         """The verdict in words, with what would decide it."""
-        if self.why:
-            return f"Not decided: {self.why}."
-        if self.fact:
-            return f"{self.outcome.capitalize()}: {self.fact}."
-        text = f"{self.outcome.capitalize()}: {'; '.join(map(str, self.differences))}."
-        needed = [one.more_seeds for one in self.differences if one.more_seeds is not None]
+        if not self.differences:
+            return self.short
+        return f"{self.outcome.capitalize()}: {'; '.join(map(str, self.differences))}. {self._advice}".rstrip()
+
+    @property
+    def short(self) -> str:
+        """The same without the differences."""
+        outcome = self.outcome.capitalize()
+        if self.why or self.fact:
+            return f"{outcome}: {self.why or self.fact}."
+        return f"{outcome}. {self._advice}".rstrip()
+
+    @property
+    def _advice(self) -> str:
+        """What would decide; empty where it is decided."""
         if self.outcome != "not decided":
-            return text
+            return ""
+        needed = [one.more_seeds for one in self.differences if one.more_seeds is not None]
         if not needed and all(one.interval is not None for one in self.differences):
-            return f"{text} Every difference is 0, so no number of seeds would decide."
+            return "Every difference is 0, so no number of seeds would decide."
         if not needed:
-            return f"{text} One seed decides nothing; run at least two, better five."
+            return "One seed decides nothing; run at least two, better five."
         most = max(needed)
         number = f"about {most}" if most <= MOST else f"more than {MOST:,}"
-        return f"{text} If the differences stay as they are, {number} more seed{'s' * (most != 1)} would decide."
+        return f"If the differences stay as they are, {number} more seed{'s' * (most != 1)} would decide."
 
 
 def nothing(why: str) -> Verdict:

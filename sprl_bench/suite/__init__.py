@@ -8,7 +8,19 @@ from __future__ import annotations
 
 from sprl_bench.suite.devices import require_device
 from sprl_bench.suite.execute import Observer, Outcome, run_suite
-from sprl_bench.suite.plan import expand
+from sprl_bench.suite.plan import expand, hyperparameters_of, plainest, too_short
 from sprl_bench.suite.states import RunState, state_of, survey
 
-__all__ = ["Observer", "Outcome", "RunState", "expand", "require_device", "run_suite", "state_of", "survey"]
+__all__ = [
+    "Observer",
+    "Outcome",
+    "RunState",
+    "expand",
+    "hyperparameters_of",
+    "plainest",
+    "require_device",
+    "run_suite",
+    "state_of",
+    "survey",
+    "too_short",
+]

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from sprl_bench.agent_names import AgentName
-from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.agents import Hyperparameters, load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.suite.devices import resolve_device
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget
@@ -114,10 +114,44 @@ def _in_full(name: AgentName, differences: Mapping[str, Any]) -> AgentName:
     Raises:
         ValueError: One of them is the preset's own value.
     """
-    for key, value in name.differences.items():
+    for key in name.differences:
         if key not in differences:
             plainer = replace(
                 name, differences={other: name.differences[other] for other in name.differences if other != key}
             )
-            raise ValueError(f"agents holds {str(name)!r}; it must be {str(plainer)!r}, whose {key} is {value!r}.")
+            raise ValueError(f"agents holds {name.full!r}, the same as {plainer.full!r}; it must be {plainer.full!r}.")
     return replace(name, differences={key: differences[key] for key in name.differences})
+
+
+def hyperparameters_of(name: AgentName, domain: str) -> Hyperparameters:
+    """Return what a name means on a domain; the errors are those of `plainest`."""
+    return resolve_hyperparameters(load_factory(name.source), domain, name.differences, name.preset)
+
+
+def plainest(name: AgentName, domain: str) -> AgentName:
+    """Return the name without the differences that are the preset's own values.
+
+    Raises:
+        ValueError: The agent, the preset or a hyperparameter is unknown, or a value is out of range.
+    """
+    chosen = hyperparameters_of(name, domain)
+    kept = {key: value for key, value in name.differences.items() if key in chosen.differences}
+    return replace(name, differences=kept)
+
+
+def too_short(specs: Sequence[RunSpec]) -> list[str]:
+    """Return a sentence for each task whose budget ends before some agents' networks are in use."""
+    waits = {(spec.task.name, spec.agent): _wait(spec) for spec in specs}
+    tasks = {spec.task.name: spec.task for spec in specs}.values()
+    return [
+        f"{', '.join(idle)} on {task.name}: nothing is learned about their networks, which are not in use before env "
+        f"step {min(idle.values()):,} of {task.budget:,}."
+        for task in tasks
+        if (idle := {agent: wait for (its, agent), wait in waits.items() if its == task.name and wait >= task.budget})
+    ]
+
+
+def _wait(spec: RunSpec) -> int:
+    """Return the env steps that an agent says it waits; 0 if it says nothing."""
+    wait = getattr(load_factory(spec.source), "wait", None)
+    return int(wait(spec.hyperparameters)) if wait else 0

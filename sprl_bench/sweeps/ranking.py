@@ -68,6 +68,11 @@ class Ranking:
         return None if self.missing else self.settings[0]
 
     @property
+    def ties(self) -> int:
+        """How many other settings have the mean of the first one exactly."""
+        return sum(one.mean == self.settings[0].mean for one in self.settings[1:])
+
+    @property
     def scores(self) -> scores.Array:
         """The mean AUC of each setting on each task, [H, T]."""
         return np.array([ranked.by_task for ranked in self.settings])

@@ -61,7 +61,7 @@ def _section(ranking: Ranking) -> list[str]:
     if ranking.chosen is None:
         lines += [f"Not complete: {ranking.missing} runs are missing, so no setting is chosen.", ""]
     else:
-        lines += [f"Chosen: `{ranking.chosen.setting.name}`.", "", *_sensitivity_lines(ranking), ""]
+        lines += [f"Chosen: `{ranking.chosen.setting.name}`{_tie(ranking.ties)}.", "", *_sensitivity_lines(ranking), ""]
     names = list(ranking.values[0]) if ranking.settings else []
     head = ["rank", *names, *ranking.tasks, "mean AUC"]
     rows = [_row(place, ranked) for place, ranked in enumerate(ranking.settings[:SHOWN], start=1)]
@@ -69,6 +69,12 @@ def _section(ranking: Ranking) -> list[str]:
     if len(ranking.settings) > SHOWN:
         lines.append(f"\n{len(ranking.settings) - SHOWN} more settings are in {NUMBERS}.")
     return lines
+
+
+def _tie(others: int) -> str:
+    if not others:
+        return ""
+    return f", the first declared of {others + 1} settings with exactly this score; the sweep cannot tell them apart"
 
 
 def _row(place: int, ranked: Ranked) -> list[str]:
@@ -86,8 +92,8 @@ def _sensitivity_lines(ranking: Ranking) -> list[str]:
     return [
         f"- The best setting of each task has {found.by_task:.3f}, one setting for all {found.overall:.3f}: "
         f"{found.loss:.3f} is lost by one for all. With few seeds, part of it is chance.",
-        f"- To keep 95 % of that, {found.dimensionality} of {len(ranking.values[0])} hyperparameters must be tuned for "
-        f"each task{tuned}.",
+        f"- Tuning {found.dimensionality} of {len(ranking.values[0])} hyperparameters for each task, and none of the "
+        f"others, is enough for 95 % of the first score{tuned}.",
     ]
 
 
@@ -116,7 +122,11 @@ def draw_agent(ranking: Ranking) -> Figure:
         _draw_hyperparameter(axes, ranking, name)
     grid[0].set_ylabel("mean AUC")
     figure.suptitle(ranking.agent)
-    figure.supxlabel("Dots: settings. Line: their mean. Dashes: the best.", fontsize=7, color="#555555")
+    figure.supxlabel(
+        "Dots: settings. Line: mean over settings with this value. Dashes: the best of them.",
+        fontsize=7,
+        color="#555555",
+    )
     return figure
 
 

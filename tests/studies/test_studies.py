@@ -90,7 +90,8 @@ def test_a_page_with_a_figure(name: str, make_record: MakeRecord, tmp_path: Path
     written = studies.write_study(study, evidence, verdict, tmp_path / "page", command="the command")
     assert [path.suffix for path in written] == list(studies.STEMS)
     page = written[0].read_text()
-    for part in (study.claim, verdict.sentence, f"]({name}.png)", "seeds 0, 1, 2", "the command", "| Agent |"):
+    rows = [f"| {one.what} | {one.value:+.3f} | {one.ends} |" for one in verdict.differences]
+    for part in (study.claim, verdict.short, *rows, f"]({name}.png)", "seeds 0, 1, 2", "the command", "| Agent |"):
         assert part in page
 
 
@@ -105,9 +106,12 @@ def test_its_runs_are_of_published_tasks(study: Study) -> None:
 
 
 def test_another_base_keeps_what_varies() -> None:
-    assert STUDIES["fig10"].on_base("sprl@tuned+bias=0.1") == tuple(
-        f"sprl@tuned+bias=0.1{k}" for k in ("+k=2", "+k=3", "", "+k=7")
-    )
+    """What varies has its own values on any base, also where one of them is the base's own and need not be named."""
+    for base, unnamed in (("sprl", 2), ("sprl@tuned+bias=0.1", 2), ("sprl@ablation", 5)):
+        expected = [base if k == unnamed else f"{base}+k={k}" for k in (2, 3, 5, 7)]
+        assert list(STUDIES["fig10"].on_base(base)) == expected
+        specs = studies.specs_of(STUDIES["fig10"], [0], agents=expected, tasks=["FourRooms-7x7"])
+        assert [spec.hyperparameters["k"] for spec in specs] == [2, 3, 5, 7]
     with pytest.raises(ValueError, match="base is 'sprl'; it must be left out, as fig15 compares different agents"):
         STUDIES["fig15"].on_base("sprl")
 
@@ -200,11 +204,24 @@ def test_what_is_there_is_judged_and_the_rest_is_named(
     command = ["reproduce", "fig21", "--seeds", "4", "--runs", tmp_path / "runs", "--out", tmp_path / "out"]
     status, printed, err = call(capsys, *command)
     assert status == 0
-    assert "Verdict: Supported: learned minus exact on FourRooms-7x7: +0.400" in printed
+    assert "Verdict: Supported." in printed
+    assert "learned minus exact on FourRooms-7x7: +0.400" in printed
     assert "8 of 32 runs are missing: sprl@tuned on FourRooms-7x7, seed 3" in err
     assert "**Missing.** 8 runs" in (tmp_path / "out" / "fig21.md").read_text()
     status, printed, err = call(capsys, "reproduce", "fig21", "--runs", tmp_path / "nowhere", "--out", tmp_path)
     assert (status, "nowhere does not exist" in err) == (1, True)
+
+
+def test_runs_of_something_else_are_not_judged(capsys: Capture, make_record: MakeRecord, tmp_path: Path) -> None:
+    """Other seeds, budgets or agents: the command says what the folder holds instead."""
+    made_up(STUDIES["fig21"], by_agent({}, 0.5), make_record, tmp_path / "runs")
+    command = ["reproduce", "fig21", "--runs", tmp_path / "runs", "--out", tmp_path / "out"]
+    for words in (["--seeds", "7,"], ["--budget-share", "0.5"]):
+        status, printed, err = call(capsys, *command, *words)
+        assert (status, printed) == (1, "")
+        assert "holds no finished run of fig21 with these seeds and budgets, such as sprl@tuned on FourRooms-7x7" in err
+        assert "it holds gt-sprl@tuned on FourRooms-11x11, seed 0; " in err
+        assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -372,7 +373,7 @@ def test_plain_progress_prints_lines(tmp_path: Path) -> None:
     assert stream.getvalue().splitlines() == [
         "finished: walker on FourRooms-7x7-300, seed 0",
         "failed: broken on FourRooms-7x7-300, seed 0: ZeroDivisionError: the agent divided by zero",
-        "1/2 runs, 360/600 env steps, 0 steps/s, ? left",
+        "1/2 runs, 360/600 env steps",
     ]
 
 
@@ -384,6 +385,19 @@ def test_plain_progress_prints_now_and_then(tmp_path: Path) -> None:
     observer.closed()
     lines = stream.getvalue().splitlines()
     assert lines[0] == "0/2 runs, 0/600 env steps, 0 steps/s, ? left"
+
+
+def test_runs_too_short_to_tell_their_speed_have_the_mean_one(tmp_path: Path) -> None:
+    """No run is running when the folders are read, but one has ended since the start."""
+    stream = io.StringIO()
+    observer = PlainProgress(stream, every_s=0.05)
+    first, second = walkers([0, 1])
+    observer.started([first, second], tmp_path)
+    run_suite([first], tmp_path, executor=Here())
+    wait_for(lambda: "1/2 runs" in stream.getvalue())
+    observer.closed()
+    line = next(line for line in stream.getvalue().splitlines() if "1/2 runs" in line and "left" in line)
+    assert re.search(r"300/600 env steps, [1-9][\d,]* steps/s, \d.* left", line), line
 
 
 def test_live_progress_draws_what_is_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sprl_bench.agent_names import AgentName
-from sprl_bench.suite import devices, expand, require_device
-from sprl_bench.tasks import find_suite
+from sprl_bench.suite import devices, expand, require_device, too_short
+from sprl_bench.tasks import SUITES, find_suite
 
 pytestmark = pytest.mark.usefixtures("fakes")
 
@@ -182,8 +182,8 @@ def test_privileged_agents_are_marked() -> None:
         ({"agents": ["sprl+k=many"]}, "Hyperparameter k is 'many'; it must be a whole number"),
         ({"agents": ["sprl+k="]}, "Hyperparameter k is ''; it must be a whole number"),
         ({"agents": ["sprl+tolerence=3"]}, "Unknown hyperparameter 'tolerence'; did you mean 'tolerance'"),
-        ({"agents": ["sprl+k=2"]}, "agents holds 'sprl\\+k=2'; it must be 'sprl', whose k is 2"),
-        ({"agents": ["sprl@ablation+k=5+tolerance=3"]}, "must be 'sprl@ablation\\+tolerance=3', whose k is 5"),
+        ({"agents": ["sprl+k=2"]}, "agents holds 'sprl\\+k=2', the same as 'sprl'; it must be 'sprl'"),
+        ({"agents": ["sprl@ablation+k=5+tolerance=3"]}, "the same as 'sprl@ablation\\+tolerance=3'; it must be"),
         ({"agents": ["sprl+k=3+bias=1", "sprl+bias=1.0+k=3"]}, "agents holds 'sprl\\+bias=1.0\\+k=3' more than once"),
         (
             {"agents": ["sprl+k=3"], "overrides": {"k": 4}},
@@ -221,3 +221,18 @@ def test_bad_arguments_are_named_in_one_line(changes: dict[str, Any], message: s
 def test_the_preset_of_a_plain_name_has_no_second_name() -> None:
     with pytest.raises(ValueError, match="agents holds 'sprl@table'; it must be 'sprl', whose preset is 'table'"):
         expand(SMOKE, ["sprl@table"], [0])
+
+
+def test_a_budget_that_ends_before_the_network_is_used_is_named() -> None:
+    """The step is the one that runs have shown (notes): 147,456 on grids; 132,096 and 27,648 on Fetch."""
+    smoke = expand(SUITES["smoke"], ["ppo", "gt-sprl", "sprl+k=3", "random", "eco"], [0, 1])
+    assert too_short(smoke) == [
+        "sprl+k=3, eco on FourRooms-7x7: nothing is learned about their networks, which are not in use before env step "
+        "147,456 of 100,000."
+    ]
+    assert too_short(expand(SUITES["grid-7x7"], ["sprl", "eco"], [0])) == []
+    fetch = SUITES["fetch-sparse"]
+    for agent, first in (("sprl", 132_096), ("sprl@scaled", 27_648)):
+        assert too_short(expand(fetch, [agent], [0], budget=first + 1)) == []
+        assert all(f"before env step {first:,}" in one for one in too_short(expand(fetch, [agent], [0], budget=first)))
+        assert len(too_short(expand(fetch, [agent], [0], budget=first))) == 4

@@ -137,6 +137,14 @@ def test_the_choice_does_not_depend_on_the_order_of_the_runs(
     assert ranking.chosen.mean == pytest.approx(0.75 * max(levels))
 
 
+def test_equal_settings_are_called_equal(make_record: MakeRecord) -> None:
+    for levels, ties in (([0.2, 0.7, 0.7, 0.7], 2), ([0.2, 0.7, 0.6, 0.6], 0)):
+        [ranking] = sweeps.rank(declared(), trained(make_record, levels))
+        assert (ranking.chosen and ranking.chosen.setting.name, ranking.ties) == (NAMES[1], ties)
+        told = "the first declared of 3 settings with exactly this score" in render(declared(), [ranking])
+        assert told is bool(ties)
+
+
 def test_nothing_is_chosen_while_a_run_is_missing(make_record: MakeRecord) -> None:
     runs = trained(make_record, [0.1, 0.2, 0.3, 0.4])
     [ranking] = sweeps.rank(declared(), runs[:-1])
@@ -222,7 +230,10 @@ class Interrupted:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        (["--agents", "ppo", "--seeds", "0,1"], "seeds holds 0; it must hold seeds from 100 on that no entry uses"),
+        (
+            ["--agents", "ppo", "--seeds", "0,1"],
+            "seeds holds 0, which is reserved for leaderboards; it must hold seeds",
+        ),
         (["--agents", "random"], "range is 'table'; it must be a file for random"),
         (["--agents", "ppo", "--budget-share", "0"], "budget_share is 0.0; it must be above 0 and at most 1"),
         (["--agents", "ppo,ppo"], "it must name each agent once"),

@@ -70,6 +70,10 @@ class Config:
             ValueError: A hyperparameter is too large for rollouts of `num_steps` env steps.
         """
 
+    def wait(self, num_envs: int, rollout_length: int) -> int:  # noqa: ARG002 - the base class waits for nothing
+        """Return the env steps before which what these hyperparameters describe is not in use."""
+        return 0
+
     def as_dict(self) -> dict[str, Any]:
         """Return all hyperparameters as plain values that JSON can hold."""
         return asdict(self)  # type: ignore[call-overload,no-any-return]  # subclasses are dataclasses

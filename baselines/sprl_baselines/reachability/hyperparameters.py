@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -54,3 +55,13 @@ class ReachabilityConfig(HorizonConfig):
             raise ValueError(
                 f"Hyperparameter pair_batch is {self.pair_batch}; it must be at most max_pairs, {self.max_pairs}."
             )
+
+    def wait(self, num_envs: int, rollout_length: int) -> int:
+        """Return the env steps before which the network is not in use: the end of the training that may be trusted.
+
+        The first training waits until half of the replay is full. It holds while `train_every` does.
+        """
+        half_full = max(self.replay_size // num_envs, 1) // 2 // rollout_length + 1
+        between = math.ceil(self.train_every / (num_envs * rollout_length))
+        rollouts = max(half_full, between) + (self.ready_trainings - 1) * between
+        return rollouts * num_envs * rollout_length
