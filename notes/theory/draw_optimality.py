@@ -1,4 +1,7 @@
-"""Draw the picture of docs/optimality.md and print its figures: `python notes/theory/draw_optimality.py docs/optimality.png`."""
+"""Draw the picture of docs/optimality.md and print its figures.
+
+As in `python notes/theory/draw_optimality.py docs/optimality.png`.
+"""
 
 from __future__ import annotations
 
@@ -63,6 +66,7 @@ def draw(shares: Array) -> Figure:
     left, right = figure.subplots(1, 2)
     for k, colour, line in zip(KS, COLOURS, shares.mean(axis=0), strict=True):
         left.semilogy(range(DEPTH + 1), line, color=colour, label=f"k = {k}")
+    left.yaxis.set_major_formatter("{x:g}")
     left.set_title("KeyDoors-7x7: admissible share")
     left.set_xlabel("length of a trajectory")
     left.legend(fontsize=7)

@@ -67,6 +67,7 @@ def draw_reduction(picture: Path) -> None:
         axes = figure.subplots()
         for row, k in enumerate(KS):
             axes.semilogy(range(DEPTH + 1), counted()[0][:, row].mean(axis=0), label=f"k = {k}")
+        axes.yaxis.set_major_formatter("{x:g}")
         axes.set_xlabel("length of a trajectory")
         axes.set_ylabel("admissible share")
         axes.legend()

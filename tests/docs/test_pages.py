@@ -38,6 +38,7 @@ LIMITS: Final = {
     "docs/clusters.md": 400,
     "docs/experiments.md": 800,
     "docs/mazes.md": 450,
+    "docs/optimality.md": 600,
     "docs/report.md": 300,
     "docs/trust.md": 300,
 }
