@@ -16,6 +16,7 @@ from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
     BOOTSTRAP_SEED,
+    IncomparableError,
     MissingRunsError,
     Result,
     check_comparable,
@@ -23,6 +24,7 @@ from sprl_bench.tables import (
     find_holes,
     matrix,
 )
+from sprl_bench.tables.drops import drops_line
 from sprl_bench.tables.render import explained, interval_text, marked
 from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
@@ -135,7 +137,7 @@ def compare(
 
     Raises:
         MissingRunsError: Runs are missing.
-        IncomparableError: The two sides are not comparable.
+        IncomparableError: No entry is comparable with an agent's runs. Where some are, notes name the others.
         ValueError: There is no such agent or task, or nothing to compare.
     """
     if not entries:
@@ -153,12 +155,32 @@ def compare(
             raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
     wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in mine)]
     return [
-        _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
+        one
         for name in names
         if agent in (None, name)
         for results in [[result for result in complete if result.agent == name]]
-        for entry in entries
+        for one in _comparable(results, entries, tasks, [spec for spec in wanted if spec.agent == name])
     ]
+
+
+def _comparable(
+    results: Sequence[Result], entries: Sequence[Entry], tasks: Sequence[str] | None, planned: Sequence[RunSpec]
+) -> list[Comparison]:
+    """Compare one agent's runs with the entries; those that are not comparable are left out and named.
+
+    Raises:
+        IncomparableError: No entry is comparable.
+    """
+    found, errors = [], {}
+    for entry in entries:
+        try:
+            found.append(_compare(results, entry, tasks, planned))
+        except IncomparableError as error:
+            errors[entry.agent] = error
+    if not found:
+        raise next(iter(errors.values()))
+    left_out = [f"{name}'s entry is left out as incomparable: {error}" for name, error in errors.items()]
+    return [one.model_copy(update={"notes": (*one.notes, *left_out)}) for one in found]
 
 
 def side_by_side(
@@ -336,6 +358,7 @@ def _grid(comparisons: Sequence[Comparison]) -> Grid:
             *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
             *explained(marks),
             *dict.fromkeys(note for one in comparisons for note in one.notes),
+            drops_line(max(one.seeds * len(one.tasks) for one in comparisons), ()),
         ],
     )
 

@@ -158,6 +158,22 @@ def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: Ma
     assert note == "Different versions of numpy: 1.0 (mine of the runs), 2.4.6 (ppo of the board)."
 
 
+def test_an_entry_that_is_not_comparable_is_left_out_and_named(home: Path, make_record: MakeRecord) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    other = [
+        make_record("new", task, seed, suite="grid-7x7", fingerprint="0" * 16)
+        for task in (FOUR, KEY)
+        for seed in range(5)
+    ]
+    entries.append(leaderboard.make_entry(other, agent="new", authors=["Ada L."], link="https://example.org/paper_1"))
+    mine = [make_record("mine", task, seed, suite="grid-7x7") for task in (FOUR, KEY) for seed in range(5)]
+    compared = leaderboard.compare(mine, entries)
+    assert [one.entry for one in compared] == ["ppo", "random"]
+    text = leaderboard.render_comparisons(compared, "md")
+    assert text.count("new's entry is left out as incomparable: suite 'grid-7x7', task FourRooms-7x7: environment") == 1
+    assert text.rstrip().endswith("- Drops: none of 10 planned runs.")
+
+
 def test_a_comparison_refuses_missing_runs(home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:
     entries = leaderboard.find_entries(home / "grid-7x7")
     with pytest.raises(MissingRunsError, match=f"{KEY}/ppo/seed-4"):
