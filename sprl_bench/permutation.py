@@ -52,10 +52,11 @@ def permutation_p(
     if scores.shape[1] != reference.shape[1]:
         raise ValueError(f"scores has {scores.shape[1]} tasks and reference {reference.shape[1]}; they must be paired.")
     pooled, seeds = np.concatenate([scores, reference]), len(scores)
+    runs, tasks = pooled.shape
     observed = float(statistic(scores) - statistic(reference))
     least = abs(observed) - ROUNDING * float(np.ptp(pooled))
-    exact = comb(len(pooled), seeds) ** pooled.shape[1] <= EXACT
-    orders = _all_orders(*pooled.shape, seeds) if exact else _drawn_orders(*pooled.shape, generator, resamples)
+    exact = comb(runs, seeds) ** tasks <= EXACT
+    orders = _all_orders(runs, tasks, seeds) if exact else _drawn_orders(runs, tasks, generator, resamples)
     extreme = total = 0
     for chunk in orders:
         relabelled = np.take_along_axis(pooled[None], chunk, axis=1)
