@@ -1,0 +1,125 @@
+"""Does an agent learn as the published one of its name does?
+
+The agent is trained on FourRooms-7x7 and on the probes, and each mean learning curve is held against the published
+band. The seeds are others than those of the published runs.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from sprl_bench.known_answers.bands import PARTS, Band, band_of, parts_of, published_parts
+from sprl_bench.known_answers.probes import KNOWN, register
+from sprl_bench.records import RunRecord, RunSpec
+from sprl_bench.run import run
+from sprl_bench.scores import Array
+from sprl_bench.suite import expand
+from sprl_bench.tasks import SUITES, Suite, Task
+
+PROBE_BUDGET: Final = 30_000
+FOUR_ROOMS: Final = replace(SUITES["smoke"].tasks[0], name="FourRooms-7x7")
+PROBES: Final = tuple(
+    Task(name=f"Probe{env_id.split('/')[1].removesuffix('-v0')}", env_id=env_id, budget=PROBE_BUDGET, domain="grid")
+    for env_id in KNOWN
+)
+SUITE: Final = Suite("check", 1, (*PROBES, FOUR_ROOMS))
+SEEDS: Final = (0, 1, 2)
+PROBE_SEEDS: Final = (0,)
+BAND_SEEDS: Final = tuple(range(200, 210))
+Progress = Callable[[RunSpec], None]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Where a task's learning curve lies.
+
+    Attributes:
+        task: Its name.
+        seeds: Of the runs.
+        parts: The mean return in each fifth of the budget, over the runs: [5].
+        band: Where it should lie.
+        known: The mean return of chance and the best, where both are known exactly.
+    """
+
+    task: str
+    seeds: tuple[int, ...]
+    parts: Array
+    band: Band
+    known: tuple[float, float] | None
+
+    @property
+    def outside(self) -> dict[int, str]:
+        """The parts, from 0, that are out of the band, each with "below" or "above"."""
+        return self.band.outside(self.parts)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every part is in the band."""
+        return not self.outside
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        if self.passed:
+            return "in the band"
+        where = [
+            f"{side} it at {100 * part // PARTS} to {100 * (part + 1) // PARTS} % of the budget"
+            for part, side in sorted(self.outside.items())
+        ]
+        return f"OUT OF THE BAND: {', '.join(where)}"
+
+
+def check_agent(
+    agent: str,
+    *,
+    like: str = "",
+    tasks: Sequence[str] | None = None,
+    out: Path | None = None,
+    progress: Progress = lambda _: None,
+) -> Iterator[Verdict]:
+    """Train an agent, and yield a verdict for each task on which the published agent has a band.
+
+    Args:
+        agent: An installed agent's name, or "package.module:factory" of your own.
+        like: The published agent that it should learn like; by default the agent itself.
+        tasks: Names of some of `SUITE`'s tasks; by default all.
+        out: A folder to keep the runs in; by default they are removed.
+        progress: Called before each run.
+
+    Raises:
+        ValueError: The agent is unknown, or has no published band.
+    """
+    bands = {task.name: published_parts(task.name, like or agent) for task in SUITE.tasks}
+    chosen = [SUITE.task(name) for name in tasks or [task.name for task in SUITE.tasks]]
+    register()
+    with _folder(out) as folder:
+        for task in chosen:
+            runs = bands[task.name]
+            if runs is None:
+                continue
+            seeds = PROBE_SEEDS if task in PROBES else SEEDS
+            records = list(_train(agent, task, seeds, folder, progress))
+            parts = np.mean([parts_of(one.return_curve) for one in records], axis=0)
+            yield Verdict(task.name, seeds, parts, band_of(runs, len(seeds)), KNOWN.get(task.env_id))
+
+
+def _train(agent: str, task: Task, seeds: Sequence[int], folder: Path, progress: Progress) -> Iterator[RunRecord]:
+    for spec in expand(SUITE, [agent], seeds, tasks=[task.name]):
+        progress(spec)
+        yield run(spec, folder)
+
+
+@contextmanager
+def _folder(out: Path | None) -> Iterator[Path]:
+    if out is not None:
+        yield out
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
