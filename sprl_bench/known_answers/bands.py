@@ -1,9 +1,9 @@
 """Published bands of learning curves: where the mean of some more runs of the same agent lies.
 
-A curve is cut into five parts of its budget. The band of each part is the prediction interval of the mean of m new
-runs, given n published ones: mean +- t s sqrt(1 / m + 1 / n), with Student's t of n - 1 degrees of freedom (Hahn and
-Meeker, Statistical Intervals, 1991, section 4.8). The parts share an error of 1 % (Bonferroni): a sound agent is out of
-the band in at most about 1 of 100 checks of a task.
+A curve has six figures: the mean return in each fifth of its budget, and over the whole of it. The band of each is the
+prediction interval of the mean of m new runs, given n published ones: mean +- t s sqrt(1 / m + 1 / n), with Student's t
+of n - 1 degrees of freedom (Hahn and Meeker, Statistical Intervals, 1991, section 4.8). The figures share an error of
+1 % (Bonferroni): a sound agent is out of the band in at most about 1 of 100 checks of a task.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from sprl_bench.scores import Array
 from sprl_bench.suggestions import unknown
 
-PARTS: Final = 5
+FIFTHS: Final = 5
 ERROR: Final = 0.01
 NARROWEST: Final = 0.02  # half the width, where published runs hardly differ; returns are between 0 and 1
 FILE: Final = Path(__file__).with_name("bands.json")
@@ -28,34 +28,35 @@ FILE: Final = Path(__file__).with_name("bands.json")
 
 @dataclass(frozen=True)
 class Band:
-    """Where the mean of some runs lies, part by part.
+    """Where the mean of some runs lies, figure by figure.
 
     Attributes:
-        mean: Of the published runs, [5].
-        low: Lower ends, [5].
-        high: Upper ends, [5].
+        mean: Of the published runs, [6].
+        low: Lower ends, [6].
+        high: Upper ends, [6].
     """
 
     mean: Array
     low: Array
     high: Array
 
-    def outside(self, parts: Array) -> dict[int, str]:
-        """Return "below" or "above" for each part, from 0, in which the means [5] lie outside."""
-        below = {int(part): "below" for part in np.flatnonzero(parts < self.low)}
-        return below | {int(part): "above" for part in np.flatnonzero(parts > self.high)}
+    def outside(self, figures: Array) -> dict[int, str]:
+        """Return "below" or "above" for each of the figures [6], from 0, that lies outside."""
+        below = {int(figure): "below" for figure in np.flatnonzero(figures < self.low)}
+        return below | {int(figure): "above" for figure in np.flatnonzero(figures > self.high)}
 
 
-def parts_of(curve: Sequence[float]) -> Array:
-    """Return the means of the five parts of a curve of 100 bins, [5]."""
-    return np.asarray(curve, dtype=np.float64).reshape(PARTS, -1).mean(axis=1)
+def figures_of(curve: Sequence[float]) -> Array:
+    """Return the means of the fifths of a curve of 100 bins, and of all of it: [6]."""
+    fifths = np.asarray(curve, dtype=np.float64).reshape(FIFTHS, -1).mean(axis=1)
+    return np.append(fifths, fifths.mean())
 
 
 def band_of(published: Array, runs: int) -> Band:
     """Return the band of the mean of `runs` new runs.
 
     Args:
-        published: The parts of each published run, [n, 5].
+        published: The figures of each published run, [n, 6].
         runs: m, how many new runs there are.
     """
     from scipy import stats  # noqa: PLC0415 - slow to load
@@ -69,19 +70,19 @@ def band_of(published: Array, runs: int) -> Band:
 
 @cache
 def published() -> Mapping[str, Any]:
-    """Return the published runs: how they were made, and their parts by task and agent."""
+    """Return the published runs: how they were made, and their figures by task and agent."""
     found: Mapping[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return found
 
 
-def published_parts(task: str, agent: str) -> Array | None:
-    """Return the parts of an agent's published runs on a task, [n, 5]; None where it has none there.
+def published_figures(task: str, agent: str) -> Array | None:
+    """Return the figures of an agent's published runs on a task, [n, 6]; None where it has none there.
 
     Raises:
         ValueError: No runs of the agent are published.
     """
-    agents = sorted({name for of_task in published()["parts"].values() for name in of_task})
+    agents = sorted({name for of_task in published()["figures"].values() for name in of_task})
     if agent not in agents:
         raise ValueError(unknown("agent with a published band", agent, agents))
-    runs = published()["parts"][task].get(agent)
+    runs = published()["figures"].get(task, {}).get(agent)
     return None if runs is None else np.asarray(runs, dtype=np.float64)

@@ -27,8 +27,9 @@ class Probe(gymnasium.Env[Map, np.int64]):
     """One decision at the start of an episode, and a reward for it `delay` steps later.
 
     The first observation of an episode is one of `contexts` maps, drawn uniformly. The action that is right there is
-    the map's number; the reward is 1 if it was taken, and for any action if `any_action`. During the delay the first
-    map is shown, whichever was shown before.
+    the map's number; the reward is 1 if it was taken, and for any action if `any_action`. It is -1 for the action that
+    is right on another map, so that a policy which does not look earns 0. During the delay the first map is shown,
+    whichever was shown before.
 
     Args:
         contexts: How many maps there are, 1 or 2.
@@ -46,7 +47,7 @@ class Probe(gymnasium.Env[Map, np.int64]):
         self.render_mode = render_mode
         self._maps = _maps()[:contexts]
         self._delay, self._any_action = delay, any_action
-        self._context, self._steps, self._right = 0, 0, False
+        self._context, self._steps, self._earned = 0, 0, 0.0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Map, dict[str, Any]]:
         """Draw a map and show it."""
@@ -57,12 +58,17 @@ class Probe(gymnasium.Env[Map, np.int64]):
     def step(self, action: np.int64) -> Step:
         """Take the decision, or wait for its reward."""
         if self._steps == 0:
-            self._right = self._any_action or int(action) == self._context
+            self._earned = self._reward(int(action))
         self._steps += 1
         ended = self._steps > self._delay
-        success = ended and self._right
-        observation, info = self._shown(0, success=success)
-        return observation, float(success), ended, False, info
+        reward = self._earned if ended else 0.0
+        observation, info = self._shown(0, success=reward > 0)
+        return observation, reward, ended, False, info
+
+    def _reward(self, action: int) -> float:
+        if self._any_action or action == self._context:
+            return 1.0
+        return -1.0 if action < len(self._maps) else 0.0
 
     def _shown(self, context: int, *, success: bool) -> tuple[Map, dict[str, Any]]:
         observation, position = self._maps[context]
@@ -85,12 +91,12 @@ def register() -> None:
 
 
 ARGUMENTS: Final[dict[str, dict[str, Any]]] = {
-    "SPRLProbe/OneStep-v0": {"any_action": True},
+    "SPRLProbe/Any-v0": {"any_action": True},
     "SPRLProbe/Delay-v0": {"delay": DELAY},
     "SPRLProbe/Observation-v0": {"contexts": 2},
 }
 KNOWN: Final = {  # the return of chance, and the best
-    "SPRLProbe/OneStep-v0": (1.0, 1.0),
+    "SPRLProbe/Any-v0": (1.0, 1.0),
     "SPRLProbe/Delay-v0": (1 / ACTIONS, 1.0),
-    "SPRLProbe/Observation-v0": (1 / ACTIONS, 1.0),
+    "SPRLProbe/Observation-v0": (0.0, 1.0),
 }
