@@ -98,8 +98,8 @@ def median_time(times: Sequence[int | None], budget: int, confidence: float = 0.
         warnings.filterwarnings("ignore", "The confidence interval is undefined", RuntimeWarning)
         band = estimate.confidence_interval(confidence, method="log-log")
     ends = np.nan_to_num(band.low.probabilities), _carried(band.high.probabilities)
-    crossings = [_crossing(estimate.quantiles, one) for one in (estimate.probabilities, *ends)]
-    return MedianTime(*crossings, reached, len(times))
+    median, low, high = (_crossing(estimate.quantiles, one) for one in (estimate.probabilities, *ends))
+    return MedianTime(median, low, high, reached, len(times))
 
 
 def _survival(times: Sequence[int | None], budget: int) -> Any:
@@ -107,7 +107,7 @@ def _survival(times: Sequence[int | None], budget: int) -> Any:
     from scipy import stats  # noqa: PLC0415 - slow to load
 
     known = [time for time in times if time is not None]
-    censored = stats.CensoredData(uncensored=known, right=[budget] * (len(times) - len(known)))
+    censored: Any = stats.CensoredData(uncensored=known, right=[budget] * (len(times) - len(known)))
     return stats.ecdf(censored).sf
 
 

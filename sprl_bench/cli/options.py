@@ -50,7 +50,9 @@ def planned_and_statuses(runs: Path) -> tuple[list[RunSpec], dict[Path, str]]:
     from sprl_bench.suite import survey
 
     states = survey(runs)
-    unfinished = {state.spec.path(Path()): state.status for state in states if state.status != "finished"}
+    unfinished: dict[Path, str] = {
+        state.spec.path(Path()): state.status for state in states if state.status != "finished"
+    }
     return [state.spec for state in states], unfinished
 
 

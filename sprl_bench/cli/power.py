@@ -28,7 +28,7 @@ def power(
 
     form = options.choose_format(form, output, leaderboard.COMPARISON_FORMATS)
     records, planned = runs_of(runs, seeds)
-    plans = leaderboard.plan(
+    plans = leaderboard.plan_seeds(
         records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned, looks=looks
     )
     options.deliver(leaderboard.render_plans(plans, form, width=options.terminal_width(output)), output)

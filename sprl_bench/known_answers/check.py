@@ -6,6 +6,7 @@ band. The seeds are others than those of the published runs.
 
 from __future__ import annotations
 
+import logging
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from sprl_bench.known_answers.bands import FIFTHS, Band, band_of, figures_of, published_figures
+from sprl_bench.known_answers.bands import FIFTHS, FIGURES, Band, band_of, figures_of, published_figures
 from sprl_bench.known_answers.probes import KNOWN, register
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.run import run
@@ -50,7 +51,7 @@ class Verdict:
     Attributes:
         task: Its name.
         seeds: Of the runs.
-        figures: The mean return in each fifth of the budget, and in all of it, over the runs: [6].
+        figures: The mean return in each fifth of the budget, in all of it, and in its best fifth, over the runs: [7].
         band: Where it should lie.
         known: The mean return of chance and the best, where both are known exactly.
     """
@@ -83,7 +84,9 @@ class Verdict:
 def _part(figure: int) -> str:
     """Return which part of the budget a figure is of."""
     percent = 100 // FIFTHS
-    return "overall" if figure == FIFTHS else f"at {percent * figure} to {percent * (figure + 1)} % of the budget"
+    return (*(f"at {percent * part} to {percent * (part + 1)} %" for part in range(FIFTHS)), "overall", "at its best")[
+        figure
+    ]
 
 
 def check_agent(
@@ -123,14 +126,28 @@ def check_agent(
 def _published(task: Task, agent: str) -> Array | None:
     """Return the figures of an agent's published runs; where every return is 1, whatever the agent does, these ones."""
     if KNOWN.get(task.env_id) == (1.0, 1.0):
-        return np.ones((len(BAND_SEEDS), FIFTHS + 1))
+        return np.ones((len(BAND_SEEDS), FIGURES))
     return published_figures(task.name, agent)
 
 
 def _train(agent: str, task: Task, seeds: Sequence[int], folder: Path, progress: Progress) -> Iterator[RunRecord]:
     for spec in expand(SUITE, [agent], seeds, tasks=[task.name]):
         progress(spec)
-        yield run(spec, folder)
+        with _without_warnings():
+            record = run(spec, folder)
+        yield record
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Leave out that a run of a probe starts over when interrupted: it is short."""
+    logger = logging.getLogger("sprl_bench")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 @contextmanager

@@ -87,7 +87,7 @@ def register() -> None:
     """Register the probes with Gymnasium, once."""
     for name, arguments in ARGUMENTS.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point=Probe, kwargs=arguments)
+            gymnasium.register(name, entry_point=f"{__name__}:Probe", kwargs=arguments)
 
 
 ARGUMENTS: Final[dict[str, dict[str, Any]]] = {

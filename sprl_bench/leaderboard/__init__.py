@@ -13,7 +13,7 @@ from sprl_bench.leaderboard.pending import (
     read_pending,
     split_known,
 )
-from sprl_bench.leaderboard.planning import Plan, plan, render_plans
+from sprl_bench.leaderboard.planning import Plan, plan_seeds, render_plans
 from sprl_bench.leaderboard.store import (
     add_entry,
     board,
@@ -48,7 +48,7 @@ __all__ = [
     "missing_runs",
     "own_home",
     "pending_path",
-    "plan",
+    "plan_seeds",
     "read_entry",
     "read_pending",
     "render_comparisons",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class Plan(Data):
     more_looks: int | None
 
 
-def plan(
+def plan_seeds(
     records: Iterable[RunRecord],
     entries: Sequence[Entry],
     *,
@@ -91,7 +91,7 @@ def _matrix(results: Sequence[Result], agent: str, comparison: Comparison) -> Ar
 
 def _plan(comparison: Comparison, ours: Array, theirs: Array, looks: int) -> Plan:
     decision = decide(ours, theirs, looks=looks)
-    fields = {
+    fields: dict[str, Any] = {
         "comparison": comparison,
         "looks": looks,
         "decided_at": decision.look,
@@ -103,7 +103,7 @@ def _plan(comparison: Comparison, ours: Array, theirs: Array, looks: int) -> Pla
     return Plan(**fields)
 
 
-def _outlook(ours: Array, theirs: Array, looks: int, *, open_still: bool) -> dict[str, float | int | None]:
+def _outlook(ours: Array, theirs: Array, looks: int, *, open_still: bool) -> dict[str, Any]:
     needed = [seeds_needed(ours, theirs, BOOTSTRAP_SEED, both=both) for both in (False, True)]
     more = [None if one is None else one - len(ours) for one in needed]
     decided = looks_to_decide(ours, theirs, POWER, looks=looks) if open_still else None

@@ -39,6 +39,7 @@ LIMITS: Final = {
     "docs/experiments.md": 800,
     "docs/mazes.md": 450,
     "docs/report.md": 300,
+    "docs/statistics.md": 500,
     "docs/trust.md": 300,
 }
 MakeRecord = Callable[..., RunRecord]

@@ -10,7 +10,7 @@ import pytest
 
 from sprl_bench import leaderboard
 from sprl_bench.cli import main
-from sprl_bench.leaderboard import Plan, plan, render_plans
+from sprl_bench.leaderboard import Plan, plan_seeds, render_plans
 from sprl_bench.records import RunRecord
 
 MakeRecord = Callable[..., RunRecord]
@@ -27,7 +27,7 @@ def runs(make_record: MakeRecord, level: float, seeds: int, agent: str = "mine")
 
 
 def plan_of(make_record: MakeRecord, home: Path, level: float, seeds: int = 5) -> Plan:
-    [one, _] = plan(runs(make_record, level, seeds), leaderboard.find_entries(home / "grid-7x7"))
+    [one, _] = plan_seeds(runs(make_record, level, seeds), leaderboard.find_entries(home / "grid-7x7"))
     return one  # against ppo: 0.52 and 0.62
 
 
