@@ -14,12 +14,14 @@ from sprl_bench.envs import register
 if TYPE_CHECKING:
     from sprl_bench.agents import agent_names
     from sprl_bench.executors import make_executor
+    from sprl_bench.known_answers import check_agent
     from sprl_bench.leaderboard import (
         add_entry,
         boards,
         compare,
         find_entries,
         make_entry,
+        plan_seeds,
         render_comparisons,
         validate,
     )
@@ -43,6 +45,7 @@ __all__ = [
     "add_entry",
     "agent_names",
     "boards",
+    "check_agent",
     "compare",
     "expand",
     "find_entries",
@@ -50,6 +53,7 @@ __all__ = [
     "find_suite",
     "make_entry",
     "make_executor",
+    "plan_seeds",
     "plot",
     "record",
     "record_video",
@@ -66,7 +70,8 @@ __all__ = [
 _HOMES = {
     "agents": "agent_names",
     "executors": "make_executor",
-    "leaderboard": "add_entry boards compare find_entries make_entry render_comparisons validate",
+    "known_answers": "check_agent",
+    "leaderboard": "add_entry boards compare find_entries make_entry plan_seeds render_comparisons validate",
     "plots": "plot",
     "recorder": "record recording",
     "records": "RunRecord RunSpec find_records",

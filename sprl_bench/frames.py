@@ -18,7 +18,7 @@ from sprl_bench.extras import require_extra
 from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_recorded, find_records
 from sprl_bench.records.folder import EPISODES
 from sprl_bench.tables import Result
-from sprl_bench.tasks import REFERENCES
+from sprl_bench.tasks import ORACLES, REFERENCES
 
 if TYPE_CHECKING:  # the extra `plots`
     from pandas import DataFrame
@@ -56,12 +56,21 @@ def human_normalized(root: str | Path) -> DataFrame:
     has its own. The argument and the errors are those of `runs`.
     """
     known = [one for one in find_records(Path(root)) if one.spec.task.env_id in REFERENCES]
-    return _frame({**_key(one.spec), **_human_normalized(one)} for one in known)
+    return _frame({**_key(one.spec), **_shares(one, REFERENCES[one.spec.task.env_id])} for one in known)
 
 
-def _human_normalized(record: RunRecord) -> dict[str, float]:
-    reference = REFERENCES[record.spec.task.env_id]
+def _shares(record: RunRecord, reference: tuple[float, float]) -> dict[str, float]:
     return {name: float(scores.normalized(getattr(record.scores, name), reference)) for name in ("auc", "final")}
+
+
+def oracle_normalized(root: str | Path) -> DataFrame:
+    """Return one row a run on a grid or in a maze: its scores on a scale of 0 for nothing and 1 for the solver.
+
+    Columns: `auc` and `final`, divided by the solver's mean return, `sprl_bench.tasks.ORACLES`. The argument and the
+    errors are those of `runs`.
+    """
+    known = [one for one in find_records(Path(root)) if one.spec.task.env_id in ORACLES]
+    return _frame({**_key(one.spec), **_shares(one, (0.0, ORACLES[one.spec.task.env_id]))} for one in known)
 
 
 def hyperparameters(root: str | Path) -> DataFrame:

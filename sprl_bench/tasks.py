@@ -115,6 +115,23 @@ REFERENCES: Mapping[str, tuple[float, float]] = MappingProxyType(
 )
 """Published mean scores of random play and of a human tester, by environment id (Badia et al. 2020, "Agent57")."""
 
+ORACLES: Mapping[str, float] = MappingProxyType(
+    {
+        "SPRL/FourRooms-7x7-v1": 0.9470,
+        "SPRL/KeyDoors-7x7-v1": 0.8820,
+        "SPRL/FourRooms-11x11-v1": 0.9144,
+        "SPRL/KeyDoors-11x11-v1": 0.8180,
+        "SPRL/MazeGoalSmall-v1": 297.0,
+        "SPRL/MazeGoalLarge-v1": 245.0,
+        "SPRL/MazeObjectMany-v1": 98.0,
+    }
+)
+"""Mean returns of the solver, by environment id.
+
+On grids it takes a shortest path, which is optimal: the mean over 100,000 layouts (standard error below
+0.0002). In mazes it is a competent player, not an optimal one: the mean over 1,000 episodes (docs/mazes.md).
+"""
+
 
 def _atari(game: str, budget: int) -> Task:
     return Task(

@@ -135,6 +135,9 @@ def test_a_table_and_a_comparison_as_frames(home: Path, grid_7x7: list[RunRecord
         ("random", "ppo", task) for task in ("FourRooms-7x7", "KeyDoors-7x7", "all", "all, IQM")
     ]
     assert frame.loc["random", "ppo", "all"]["difference"] == comparison.overall.difference
+    told = frame.loc["random", "ppo", "all"]
+    assert (told["p_value"], told["improvement"]) == (comparison.overall.p_value, comparison.overall.improvement)
+    assert (told["improvement_low"], told["improvement_high"]) == comparison.overall.improvement_interval
     single = [record for record in grid_7x7 if record.spec.seed == 0]
     [table] = tabulate(single)
     assert table.to_frame()["low"].isna().all()

@@ -14,9 +14,11 @@ import typer
 
 from sprl_bench.cli import leaderboard, sweep
 from sprl_bench.cli import list as listing
+from sprl_bench.cli.check_agent import check_agent
 from sprl_bench.cli.doctor import doctor
 from sprl_bench.cli.options import require_command
 from sprl_bench.cli.plot import plot
+from sprl_bench.cli.power import power
 from sprl_bench.cli.report import report, watch
 from sprl_bench.cli.reproduce import reproduce
 from sprl_bench.cli.run import run
@@ -38,9 +40,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(listing.app, name="list")
-for command in (run, status, watch, table, plot, report, reproduce, verify, video, doctor):
+for command in (run, status, watch, table, power, plot, report, reproduce, verify, video, doctor):
     app.command()(command)
 app.command("reproduce-row")(reproduce_row)
+app.command("check-agent")(check_agent)
 app.add_typer(sweep.app, name="sweep")
 app.add_typer(leaderboard.app, name="leaderboard")
 

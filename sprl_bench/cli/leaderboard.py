@@ -28,6 +28,9 @@ OwnHome = Annotated[Path | None, typer.Option("--home", help="The folder of all 
 Seeds = Annotated[
     str | None, typer.Option(help="Only these: how many, from 0; or the seeds themselves, as in 5,6,7. By default all.")
 ]
+ComparisonFormat = Annotated[
+    str | None, typer.Option("--format", help="rich, md, latex or json; by default by the file's suffix.")
+]
 
 
 @app.command("show")
@@ -104,7 +107,7 @@ def add(
     from sprl_bench import leaderboard
 
     options.check_choice("status", status, STATUSES)
-    records, planned = _runs_of(runs, seeds)
+    records, planned = runs_of(runs, seeds)
     home = home or leaderboard.own_home()
     if not pending:
         _write_entry(records, agent, authors, link, suite, status, home, replace, planned)
@@ -162,16 +165,14 @@ def compare(
     agent: Annotated[str | None, typer.Option(help="The agent; by default all.")] = None,
     task: options.Tasks = None,
     seeds: Seeds = None,
-    form: Annotated[
-        str | None, typer.Option("--format", help="rich, md, latex or json; by default by the file's suffix.")
-    ] = None,
+    form: ComparisonFormat = None,
     output: options.Output = None,
 ) -> None:
     """Compare runs with entries: the difference of mean AUC with its interval, paired by task."""
     from sprl_bench import leaderboard
 
     form = options.choose_format(form, output, leaderboard.COMPARISON_FORMATS)
-    records, planned = _runs_of(runs, seeds)
+    records, planned = runs_of(runs, seeds)
     compared = leaderboard.compare(
         records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned
     )
@@ -191,7 +192,7 @@ def plot(
     from sprl_bench import leaderboard, plots
 
     entries = leaderboard.find_board(board)
-    records, planned = _runs_of(runs, None) if runs else ([], [])
+    records, planned = runs_of(runs, None) if runs else ([], [])
     results, wanted = leaderboard.side_by_side(entries, records, planned=planned, agents=agent or None)
     if runs and not any(spec.suite == entries[0].suite for spec in planned):
         raise ValueError(f"There is no run of suite {entries[0].suite!r} in {runs}.")
@@ -199,7 +200,7 @@ def plot(
     typer.echo(f"Wrote {output}.", err=True)
 
 
-def _runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[RunSpec]]:
+def runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[RunSpec]]:
     """Return the records and the plans below a folder, all of them or those of some seeds."""
     from sprl_bench.records import find_records
 

@@ -48,6 +48,17 @@ def planned_runs(runs: Path) -> list[RunSpec]:
     return [state.spec for state in survey(runs)]
 
 
+def planned_and_statuses(runs: Path) -> tuple[list[RunSpec], dict[Path, str]]:
+    """Return the spec of every run below this folder, and the status of each unfinished one by its path."""
+    from sprl_bench.suite import survey
+
+    states = survey(runs)
+    unfinished: dict[Path, str] = {
+        state.spec.path(Path()): state.status for state in states if state.status != "finished"
+    }
+    return [state.spec for state in states], unfinished
+
+
 def choose_format(form: str | None, output: Path | None, allowed: Collection[str]) -> str:
     """Return `form` or, by default, the format of the file's suffix.
 

@@ -96,7 +96,7 @@ def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequ
     complete = any(record.status == "complete" for record in records)
     if complete:
         typer.echo()
-        print_tables(records, planned=specs)
+        print_tables(records, specs, {one.spec.path(Path()): one.status for one in outcomes})
     failed = [outcome for outcome in outcomes if outcome.status == "failed"]
     for outcome in failed:
         print(f"sprl-bench: {outcome.spec.path(out)}: {outcome.error}", file=sys.stderr)

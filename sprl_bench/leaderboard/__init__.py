@@ -13,6 +13,7 @@ from sprl_bench.leaderboard.pending import (
     read_pending,
     split_known,
 )
+from sprl_bench.leaderboard.planning import Plan, plan_seeds, render_plans
 from sprl_bench.leaderboard.store import (
     add_entry,
     board,
@@ -32,6 +33,7 @@ __all__ = [
     "COMPARISON_FORMATS",
     "Entry",
     "PendingEntry",
+    "Plan",
     "add_entry",
     "add_pending",
     "board",
@@ -46,9 +48,11 @@ __all__ = [
     "missing_runs",
     "own_home",
     "pending_path",
+    "plan_seeds",
     "read_entry",
     "read_pending",
     "render_comparisons",
+    "render_plans",
     "schema",
     "side_by_side",
     "split_known",

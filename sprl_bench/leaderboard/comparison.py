@@ -11,10 +11,12 @@ import numpy as np
 from sprl_bench import scores
 from sprl_bench.extras import require_extra
 from sprl_bench.leaderboard.entries import Entry, is_telling
+from sprl_bench.permutation import permutation_p
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import (
     BOOTSTRAP_SEED,
+    IncomparableError,
     MissingRunsError,
     Result,
     check_comparable,
@@ -22,6 +24,7 @@ from sprl_bench.tables import (
     find_holes,
     matrix,
 )
+from sprl_bench.tables.drops import drops_line
 from sprl_bench.tables.render import explained, interval_text, marked
 from sprl_bench.tables.text_table import GRID_FORMATS, Grid, as_json, draw, number
 
@@ -29,18 +32,37 @@ if TYPE_CHECKING:  # the extra `plots`
     from pandas import DataFrame
 
 COMPARISON_FORMATS = (*GRID_FORMATS, "json")
+P_VALUE = (
+    "p: two-sided permutation test, stratified by task. Percentage: probability of improvement, that a run scores "
+    "higher than a run of the entry."
+)
 SINGLE = "A single seed has no interval (-)."
+IMPROVEMENT_ENDS = ("improvement_low", "improvement_high")
 Columns = Mapping[str, Mapping[int, Scores]]
 
 
 class Difference(Data):
-    """The AUC of the runs, of the entry, and the first minus the second with its 95 % interval: means, or IQMs."""
+    """The AUC of the runs, of the entry, and the first minus the second: means, or IQMs.
+
+    Attributes:
+        task: Its name, or "all".
+        runs: Of the runs.
+        entry: Of the entry.
+        difference: The first minus the second.
+        interval: 95 %, stratified bootstrap; None for a single seed.
+        p_value: Of a two-sided permutation test, stratified by task.
+        improvement: The probability that a run scores higher than a run of the entry, on a task drawn at random.
+        improvement_interval: 95 %, stratified bootstrap; None for a single seed.
+    """
 
     task: str
     runs: float
     entry: float
     difference: float
     interval: scores.Interval | None
+    p_value: float
+    improvement: float
+    improvement_interval: scores.Interval | None
 
 
 class Comparison(Data):
@@ -65,7 +87,8 @@ class Comparison(Data):
         """Return the differences as a pandas data frame: one row a task, then "all" (means) and "all, IQM".
 
         It is indexed by `agent`, `entry` and `task`. Columns: `runs` and `entry_auc`, the two AUCs; `difference`, `low`
-        and `high`, its 95 % interval, missing for a single seed.
+        and `high`, its 95 % interval, missing for a single seed; `p_value` of the stratified permutation test;
+        `improvement`, the probability of improvement, with `improvement_low` and `improvement_high`.
 
         Raises:
             ModuleNotFoundError: pandas, of the extra `plots`, is not installed.
@@ -80,12 +103,16 @@ class Comparison(Data):
                 "entry_auc": one.entry,
                 "difference": one.difference,
                 **dict(zip(("low", "high"), one.interval or (None, None), strict=True)),
+                "p_value": one.p_value,
+                "improvement": one.improvement,
+                **dict(zip(IMPROVEMENT_ENDS, one.improvement_interval or (None, None), strict=True)),
             }
             for task, one in named
         ]
         texts = dict.fromkeys(("agent", "entry", "task"), "string[python]")
+        ends = dict.fromkeys(("low", "high", *IMPROVEMENT_ENDS), "float64")
         frame: DataFrame = require_extra("pandas").DataFrame(rows)
-        return frame.astype({**texts, "low": "float64", "high": "float64"}).set_index([*texts])
+        return frame.astype({**texts, **ends}).set_index([*texts])
 
 
 def compare(
@@ -110,7 +137,7 @@ def compare(
 
     Raises:
         MissingRunsError: Runs are missing.
-        IncomparableError: The two sides are not comparable.
+        IncomparableError: No entry is comparable with an agent's runs. Where some are, notes name the others.
         ValueError: There is no such agent or task, or nothing to compare.
     """
     if not entries:
@@ -128,12 +155,32 @@ def compare(
             raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
     wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in mine)]
     return [
-        _compare(results, entry, tasks, [spec for spec in wanted if spec.agent == name])
+        one
         for name in names
         if agent in (None, name)
         for results in [[result for result in complete if result.agent == name]]
-        for entry in entries
+        for one in _comparable(results, entries, tasks, [spec for spec in wanted if spec.agent == name])
     ]
+
+
+def _comparable(
+    results: Sequence[Result], entries: Sequence[Entry], tasks: Sequence[str] | None, planned: Sequence[RunSpec]
+) -> list[Comparison]:
+    """Compare one agent's runs with the entries; those that are not comparable are left out and named.
+
+    Raises:
+        IncomparableError: No entry is comparable.
+    """
+    found, errors = [], {}
+    for entry in entries:
+        try:
+            found.append(_compare(results, entry, tasks, planned))
+        except IncomparableError as error:
+            errors[entry.agent] = error
+    if not found:
+        raise next(iter(errors.values()))
+    left_out = [f"{name}'s entry is left out as incomparable: {error}" for name, error in errors.items()]
+    return [one.model_copy(update={"notes": (*one.notes, *left_out)}) for one in found]
 
 
 def side_by_side(
@@ -260,6 +307,9 @@ def _difference(task: str, ours: Columns, theirs: Columns, statistic: scores.Sta
         entry=entry,
         difference=runs - entry,
         interval=scores.difference_interval(auc, reference, np.random.default_rng(BOOTSTRAP_SEED), statistic=statistic),
+        p_value=permutation_p(auc, reference, np.random.default_rng(BOOTSTRAP_SEED), statistic=statistic),
+        improvement=scores.probability_of_improvement(auc, reference),
+        improvement_interval=scores.improvement_interval(auc, reference, np.random.default_rng(BOOTSTRAP_SEED)),
     )
 
 
@@ -304,12 +354,20 @@ def _grid(comparisons: Sequence[Comparison]) -> Grid:
         footnotes=[
             "Difference of mean AUC, and of its IQM, with 95 % stratified-bootstrap intervals, paired by task; more is "
             "better.",
+            P_VALUE,
             *([SINGLE] if any(one.overall.interval is None for one in comparisons) else []),
             *explained(marks),
             *dict.fromkeys(note for one in comparisons for note in one.notes),
+            drops_line(max(one.seeds * len(one.tasks) for one in comparisons), ()),
         ],
     )
 
 
 def _text(difference: Difference) -> str:
-    return f"{number(difference.difference, '+')}\n{interval_text(difference.interval)}"
+    ends = f"{number(difference.difference, '+')}\n{interval_text(difference.interval)}"
+    return f"{ends}\np {p_text(difference.p_value)}, {difference.improvement:.0%}"
+
+
+def p_text(p_value: float) -> str:
+    """Return a p-value with three decimals, and no smaller than that."""
+    return f"{p_value:.3f}" if p_value >= 0.0005 else "< 0.001"  # rounds to 0.000 below

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from sprl_bench.records import TaskSpec
 from sprl_bench.tables.seed_results import Result
@@ -82,6 +83,39 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         *_abandoned_notes(results),
         *_suite_notes(results),
     ]
+
+
+def split_comparable(results: Sequence[Result]) -> tuple[list[Result], list[Result]]:
+    """Return the results of the suite version and environments that most of them have, and the others.
+
+    The environment of a task includes its budget, its arguments, its fingerprint and its simulators' versions. Of equal
+    numbers the first in order is kept. What else may differ, `check_comparable` says or refuses.
+    """
+    version = _commonest(results, lambda one: (one.suite_version,))
+    kept = [one for one in results if one.suite_version == version[0]]
+    worlds = {task: _commonest(runs, _world) for task, runs in _grouped(kept, lambda one: one.task.name)}
+    usable = [one for one in kept if _world(one) == worlds[one.task.name]]
+    for package in NEVER_MIXED:
+        usable = _of_one_version(usable, package)
+    return usable, [one for one in results if one not in usable]
+
+
+def _commonest(results: Sequence[Result], value: Callable[[Result], tuple[Any, ...]]) -> tuple[Any, ...]:
+    counts = Counter(map(value, results))
+    return min(counts, key=lambda one: (-counts[one], one))
+
+
+def _world(result: Result) -> tuple[Any, ...]:
+    return result.task.budget, _environment(result.task), result.fingerprint
+
+
+def _of_one_version(results: list[Result], package: str) -> list[Result]:
+    """Return the results that loaded the commonest version of a package, or none of it."""
+    loaded = [one for one in results if package in one.versions]
+    if not loaded:
+        return results
+    (version,) = _commonest(loaded, lambda one: (one.versions[package],))
+    return [one for one in results if one.versions.get(package, version) == version]
 
 
 def _grouped(results: Sequence[Result], key: Callable[[Result], str]) -> list[tuple[str, list[Result]]]:

@@ -10,6 +10,7 @@ import io
 from collections.abc import Iterable, Iterator, Sequence
 
 from sprl_bench.suggestions import unknown
+from sprl_bench.tables.drops import drops_line
 from sprl_bench.tables.table import MEASURES, Cell, Estimate, Row, Table
 from sprl_bench.tables.text_table import DIGITS, GRID_FORMATS, Grid, as_json, draw, number
 
@@ -106,6 +107,7 @@ def footnotes(table: Table) -> list[str]:
         *explained((row.privileged, row.information) for row in table.rows),
         *([PARTIAL] if not all(row.complete for row in table.rows) else []),
         *table.notes,
+        drops_line(table.planned, table.drops),
     ]
 
 

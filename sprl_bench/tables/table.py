@@ -7,7 +7,9 @@ row does not depend on another's.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from pydantic import Field
@@ -16,7 +18,8 @@ from sprl_bench import scores
 from sprl_bench.extras import require_extra
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables.comparable import check_comparable
+from sprl_bench.tables.comparable import check_comparable, split_comparable
+from sprl_bench.tables.drops import Drop, drops_of
 from sprl_bench.tables.seed_results import (
     Hole,
     MissingRunsError,
@@ -34,6 +37,7 @@ if TYPE_CHECKING:  # the extra `plots`
 MEASURES = ("auc", "final", "success_auc", "success_final")
 BOOTSTRAP_SEED = 20210706
 """Seeds the generator of every interval."""
+NONE: Final[Mapping[Path, str]] = MappingProxyType({})
 REMEDY = "Allow missing runs (--allow-missing) to see the others."
 
 
@@ -89,6 +93,8 @@ class Table(Data):
     tasks: tuple[str, ...]
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+    planned: int = Field(description="How many runs there should be: agents x tasks x seeds.")
+    drops: tuple[Drop, ...] = ()
 
     def to_frame(self) -> DataFrame:
         """Return the numbers as a pandas data frame, one row a number.
@@ -129,6 +135,8 @@ def tabulate(
     agents: Sequence[str] | None = None,
     planned: Iterable[RunSpec] = (),
     allow_missing: bool = False,
+    drop_incomparable: bool = False,
+    statuses: Mapping[Path, str] = NONE,
 ) -> list[Table]:
     """Return one table for each suite among these records.
 
@@ -138,6 +146,9 @@ def tabulate(
         agents: The agents to show, or None for all.
         planned: Specs of all runs that there should be: those without a record count as missing.
         allow_missing: Show and mark the finished runs where others are missing.
+        drop_incomparable: Leave out the runs of another environment, budget or suite version than most have, and name
+            them, instead of refusing the table.
+        statuses: Why planned runs are unfinished, such as "failed", by their path below the folder of all runs.
 
     Raises:
         MissingRunsError: Runs are missing and `allow_missing` is false.
@@ -146,7 +157,9 @@ def tabulate(
     """
     everything, planned = _of_agents(list(records), list(planned), agents)
     complete = [Result.of(record) for record in everything if record.status == "complete"]
-    wanted = [*planned, *(record.spec for record in everything if record.status != "complete")]
+    stopped = [record.spec for record in everything if record.status != "complete"]
+    wanted = [*planned, *stopped]
+    statuses = {**{spec.path(Path()): "interrupted" for spec in stopped}, **statuses}
     if not complete:
         raise MissingRunsError("There is no finished run to make a table of.")
     groups = split_suites(complete)
@@ -159,7 +172,14 @@ def tabulate(
     if lost and not allow_missing:
         raise MissingRunsError(f"{lost} {REMEDY}")
     tables = [
-        tabulate_results(group, tasks=chosen, planned=wanted, allow_missing=allow_missing)
+        tabulate_results(
+            group,
+            tasks=chosen,
+            planned=wanted,
+            allow_missing=allow_missing,
+            drop_incomparable=drop_incomparable,
+            statuses=statuses,
+        )
         for group in groups
         if chosen & set(task_names(group))
     ]
@@ -223,17 +243,21 @@ def tabulate_results(
     tasks: Collection[str] | None = None,
     planned: Iterable[RunSpec] = (),
     allow_missing: bool = False,
+    drop_incomparable: bool = False,
+    statuses: Mapping[Path, str] = NONE,
 ) -> Table:
     """Return the table of one suite's results; see `tabulate`."""
     names = tuple(name for name in task_names(results) if tasks is None or name in tasks)
     shown = [result for result in results if result.task.name in names]
     if not shown:
         raise MissingRunsError(f"Suite {results[0].suite!r} has no finished run of {', '.join(names)}.")
+    shown, incomparable = split_comparable(shown) if drop_incomparable else (shown, [])
     notes = check_comparable(shown)
     wanted = list(planned)
     holes = find_holes(shown, wanted, names)
     if holes and not allow_missing:
         raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}. {REMEDY}")
+    unusable = [Hole(one.agent, one.task.name, one.seed) for one in incomparable]
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)
@@ -241,11 +265,13 @@ def tabulate_results(
     known |= {spec.agent: (spec.privileged, spec.information) for spec in wanted}
     known |= {result.agent: (result.privileged, result.information) for result in shown}
     return Table(
-        suite=results[0].suite,
-        suite_version=results[0].suite_version,
+        suite=shown[0].suite,
+        suite_version=shown[0].suite_version,
         tasks=names,
         rows=tuple(_row(agent, known[agent], runs, names, holes) for agent, runs in sorted(by_agent.items())),
         notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
+        planned=len(shown) + len({*holes, *unusable}),
+        drops=drops_of(results[0].suite, holes, unusable, statuses),
     )
 
 

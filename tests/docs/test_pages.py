@@ -40,6 +40,7 @@ LIMITS: Final = {
     "docs/mazes.md": 450,
     "docs/optimality.md": 600,
     "docs/report.md": 300,
+    "docs/statistics.md": 500,
     "docs/trust.md": 300,
 }
 MakeRecord = Callable[..., RunRecord]

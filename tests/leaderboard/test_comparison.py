@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from sprl_bench import leaderboard
+from sprl_bench.leaderboard.comparison import p_text
 from sprl_bench.records import RunRecord
 from sprl_bench.tables import IncomparableError, MissingRunsError
 
@@ -35,6 +36,29 @@ def test_a_comparison_by_hand(home: Path, make_record: MakeRecord) -> None:
     assert 0.03 < interval.low < 0.05 < interval.high < 0.07
     assert random.overall.difference == pytest.approx(0.45)
     assert ppo.notes == ()
+
+
+def test_a_p_value_and_a_probability_of_improvement_stand_beside_every_difference(
+    home: Path, make_record: MakeRecord
+) -> None:
+    mine = [
+        make_record("mine", task, seed, suite="grid-7x7", level=level + 0.01 * seed)
+        for task, level in ((FOUR, 0.52), (KEY, 0.9))
+        for seed in range(5)
+    ]
+    [ppo] = leaderboard.compare(mine, leaderboard.find_entries(home / "grid-7x7")[:1])
+    four, key = ppo.tasks
+    # 0.52 to 0.56 against 0.50 to 0.54: of 25 pairs 19 are won and 3 tied.
+    assert four.improvement == pytest.approx((19 + 3 / 2) / 25)
+    # 0.90 to 0.94 against 0.60 to 0.64: of 252 ways, only this one and its mirror.
+    assert (key.p_value, key.improvement) == (2 / 252, 1.0)
+    assert key.improvement_interval == (1.0, 1.0)
+    assert ppo.overall.improvement == pytest.approx((four.improvement + 1) / 2)
+    assert ppo.overall.p_value < key.p_value
+    text = leaderboard.render_comparisons([ppo], "md")
+    assert "p 0.008, 100%" in text
+    assert [p_text(value) for value in (1.0, 2 / 252, 0.0006, 0.0004)] == ["1.000", "0.008", "0.001", "< 0.001"]
+    assert "two-sided permutation test, stratified by task" in text
 
 
 def test_a_comparison_says_which_tasks_it_is_of(home: Path, grid_7x7: list[RunRecord]) -> None:
@@ -66,7 +90,8 @@ def test_a_comparison_of_one_seed_has_no_interval(home: Path, grid_7x7: list[Run
     assert compared[0].overall.interval is None
     text = leaderboard.render_comparisons(compared, "md")
     assert "### ppo (1 seed, mean AUC 0.550) minus each entry" in text
-    assert "| ppo | 5 | 0.570 | -0.020 - | -0.020 - | -0.020 - |" in text
+    # 0.50 against 0.50 to 0.54: of the six ways to choose one, three are as far from the mean of the others.
+    assert "| ppo | 5 | 0.570 | -0.020 - p 0.500, 10% | -0.020 - p 0.500, 10% | " in text
     assert "A single seed has no interval (-)." in text
 
 
@@ -131,6 +156,22 @@ def test_a_comparison_refuses_what_is_not_comparable(home: Path, make_record: Ma
     other = mine(versions={"python": "3.11.7", "numpy": "1.0", "sprl-bench": "0.1.0"})
     [note] = leaderboard.compare(other, entries[:1])[0].notes[1:]
     assert note == "Different versions of numpy: 1.0 (mine of the runs), 2.4.6 (ppo of the board)."
+
+
+def test_an_entry_that_is_not_comparable_is_left_out_and_named(home: Path, make_record: MakeRecord) -> None:
+    entries = leaderboard.find_entries(home / "grid-7x7")
+    other = [
+        make_record("new", task, seed, suite="grid-7x7", fingerprint="0" * 16)
+        for task in (FOUR, KEY)
+        for seed in range(5)
+    ]
+    entries.append(leaderboard.make_entry(other, agent="new", authors=["Ada L."], link="https://example.org/paper_1"))
+    mine = [make_record("mine", task, seed, suite="grid-7x7") for task in (FOUR, KEY) for seed in range(5)]
+    compared = leaderboard.compare(mine, entries)
+    assert [one.entry for one in compared] == ["ppo", "random"]
+    text = leaderboard.render_comparisons(compared, "md")
+    assert text.count("new's entry is left out as incomparable: suite 'grid-7x7', task FourRooms-7x7: environment") == 1
+    assert text.rstrip().endswith("- Drops: none of 10 planned runs.")
 
 
 def test_a_comparison_refuses_missing_runs(home: Path, grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:

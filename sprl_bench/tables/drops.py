@@ -1,0 +1,72 @@
+"""What a table leaves out: planned runs that have no part in its numbers, each with its reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Final, Literal, get_args
+
+from sprl_bench.records import Data
+from sprl_bench.records.folder import run_path
+from sprl_bench.tables.seed_results import Hole
+
+Reason = Literal["failed", "interrupted", "running", "missing", "incomparable"]
+REASONS: Final[tuple[str, ...]] = get_args(Reason)
+SHOWN: Final = 3  # runs named for each reason
+
+
+class Drop(Data):
+    """A planned run that a table leaves out.
+
+    Attributes:
+        agent: Whose.
+        task: On which task.
+        seed: Its seed.
+        reason: It failed, was interrupted, is running, has not begun ("missing"), or is not comparable.
+    """
+
+    agent: str
+    task: str
+    seed: int
+    reason: Reason
+
+
+def drops_of(
+    suite: str, holes: Iterable[Hole], incomparable: Iterable[Hole], statuses: Mapping[Path, str]
+) -> tuple[Drop, ...]:
+    """Return what is left out, in the order of the reasons.
+
+    Args:
+        suite: Of the runs.
+        holes: The runs that are missing.
+        incomparable: Those that are finished and not comparable with the others.
+        statuses: The status of unfinished runs, such as "failed", by their path below the folder of all runs.
+    """
+    unusable = set(incomparable)
+    found = [_drop(one, "incomparable") for one in sorted(unusable)]
+    found += [
+        _drop(one, statuses.get(run_path(suite, one.task, one.agent, one.seed), "")) for one in {*holes} - unusable
+    ]
+    return tuple(sorted(found, key=lambda one: (REASONS.index(one.reason), one.agent, one.task, one.seed)))
+
+
+def _drop(hole: Hole, status: str) -> Drop:
+    known: dict[str, Reason] = {reason: reason for reason in get_args(Reason)}
+    return Drop(agent=hole.agent, task=hole.task, seed=hole.seed, reason=known.get(status, "missing"))
+
+
+def drops_line(planned: int, drops: Sequence[Drop]) -> str:
+    """Return the line under a table that says what is left out of how many planned runs."""
+    runs = f"{planned} planned run{'s' * (planned != 1)}"
+    if not drops:
+        return f"Drops: none of {runs}."
+    parts = [_part(reason, [one for one in drops if one.reason == reason]) for reason in REASONS]
+    return f"Drops: {len(drops)} of {runs}: {'; '.join(filter(None, parts))}."
+
+
+def _part(reason: str, drops: Sequence[Drop]) -> str:
+    if not drops:
+        return ""
+    named = [str(Hole(one.agent, one.task, one.seed)) for one in drops[:SHOWN]]
+    more = [f"{len(drops) - SHOWN} more"] if len(drops) > SHOWN else []
+    return f"{len(drops)} {reason} ({', '.join([*named, *more])})"
