@@ -101,7 +101,7 @@ def _flatten(value: Any, place: str, arrays: dict[str, Array]) -> Any:
     kind, array = _as_array(value, place)
     name = str(len(arrays))
     if array.dtype == np.uint8 and array.nbytes >= COMPRESSED_FROM:
-        arrays[name] = np.frombuffer(zlib.compress(array, level=1), np.uint8)
+        arrays[name] = np.frombuffer(zlib.compress(array.data, level=1), np.uint8)
         return ["compressed", [kind, name, list(array.shape)]]
     arrays[name] = array
     return [kind, name]
@@ -141,7 +141,7 @@ def _decompressed(array: Array, shape: list[int]) -> Array:
     Raises:
         ValueError, zlib.error: The compressed bytes are not as many, or cannot be read.
     """
-    content = zlib.decompressobj().decompress(array, math.prod(shape) + 1)  # no more memory than the shape says
+    content = zlib.decompressobj().decompress(array.data, math.prod(shape) + 1)  # no more memory than the shape says
     return np.frombuffer(bytearray(content), np.uint8).reshape(shape)
 
 

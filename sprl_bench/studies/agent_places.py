@@ -37,7 +37,8 @@ def room_of(env: Any) -> int:
 
 def screen_of(env: Any) -> Array:
     """Return the screen of an Atari game in grey, [210, 160]."""
-    return np.asarray(env.unwrapped.screen().picture()).mean(axis=-1)
+    grey: Array = np.asarray(env.unwrapped.screen().picture()).mean(axis=-1)
+    return grey
 
 
 def has_screen(env: Any) -> bool:
