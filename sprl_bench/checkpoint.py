@@ -3,13 +3,17 @@
 A safetensors file holds the arrays; its header holds, as JSON, the nesting, every other value, and a digest of it all.
 It is one file, renamed into place, so no crash can mix two states. Mappings (with keys of any plain type), lists,
 tuples, None, bool, int, float, str, NumPy arrays and scalars, and torch tensors keep their types.
+
+Large arrays of bytes are compressed: they are the images that an agent remembers, about a gigabyte.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sys
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +24,8 @@ import numpy.typing as npt
 from sprl_bench.records import write_bytes
 
 FORMAT: Final = "1"
+COMPRESSED_FROM: Final = 2**20
+"""Bytes of an array of bytes from which on it is compressed."""
 
 Array = npt.NDArray[Any]
 
@@ -61,7 +67,10 @@ def load(path: Path) -> dict[str, Any]:
     tree = metadata.get("tree", "")
     if metadata.get("format") != FORMAT or metadata.get("digest") != _digest(tree, arrays):
         raise BrokenCheckpointError(f"{path} is not a whole checkpoint of format {FORMAT}: its digest differs.")
-    state: dict[str, Any] = _restore(json.loads(tree), arrays)
+    try:
+        state: dict[str, Any] = _restore(json.loads(tree), arrays)
+    except (ValueError, zlib.error) as error:
+        raise BrokenCheckpointError(f"{path} is not a whole checkpoint: {error}.") from None
     return state
 
 
@@ -90,8 +99,12 @@ def _flatten(value: Any, place: str, arrays: dict[str, Array]) -> Any:
         kind = "list" if isinstance(value, list) else "tuple"
         return [kind, [_flatten(item, f"{place}.{index}", arrays) for index, item in enumerate(value)]]
     kind, array = _as_array(value, place)
-    arrays[str(len(arrays))] = array
-    return [kind, str(len(arrays) - 1)]
+    name = str(len(arrays))
+    if array.dtype == np.uint8 and array.nbytes >= COMPRESSED_FROM:
+        arrays[name] = np.frombuffer(zlib.compress(array.data, level=1), np.uint8)
+        return ["compressed", [kind, name, list(array.shape)]]
+    arrays[name] = array
+    return [kind, name]
 
 
 def _as_array(value: Any, place: str) -> tuple[str, Array]:
@@ -116,7 +129,20 @@ def _restore(value: Any, arrays: Mapping[str, Array]) -> Any:
     if kind in ("list", "tuple"):
         items = [_restore(item, arrays) for item in content]
         return items if kind == "list" else tuple(items)
+    if kind == "compressed":
+        kind, name, shape = content
+        return _from_array(kind, _decompressed(arrays[name], shape))
     return _from_array(kind, arrays[content])
+
+
+def _decompressed(array: Array, shape: list[int]) -> Array:
+    """Return the array of bytes of this shape.
+
+    Raises:
+        ValueError, zlib.error: The compressed bytes are not as many, or cannot be read.
+    """
+    content = zlib.decompressobj().decompress(array.data, math.prod(shape) + 1)  # no more memory than the shape says
+    return np.frombuffer(bytearray(content), np.uint8).reshape(shape)
 
 
 def _from_array(kind: str, array: Array) -> Any:

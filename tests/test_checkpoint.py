@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,9 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from safetensors.numpy import save as serialise
 
+from sprl_bench import checkpoint
 from sprl_bench.checkpoint import BrokenCheckpointError, load, save
 
 PLAIN = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=5)
@@ -92,6 +96,50 @@ def test_bfloat16_comes_back(tmp_path: Path) -> None:
     found = load(tmp_path / "checkpoint")["values"]
     assert found.dtype is torch.bfloat16
     assert torch.equal(found, values)
+
+
+IMAGES = np.random.default_rng(0).integers(0, 4, (50, 3, 84, 84)).astype(np.uint8)  # more than a megabyte
+
+
+@pytest.mark.parametrize(
+    "images",
+    [IMAGES, IMAGES.T, torch.from_numpy(IMAGES), torch.from_numpy(IMAGES).movedim(1, 3), IMAGES.astype(np.int8)],
+    ids=["array", "transposed array", "tensor", "transposed tensor", "signed"],
+)
+def test_images_come_back(tmp_path: Path, images: Any) -> None:
+    save(tmp_path / "checkpoint", {"images": images})
+    loaded = load(tmp_path / "checkpoint")["images"]
+    assert_same(loaded, images)
+    loaded[0] = 1
+
+
+def test_images_take_less_room_than_their_bytes(tmp_path: Path) -> None:
+    save(tmp_path / "checkpoint", {"images": IMAGES, "unused": torch.zeros(2**20, dtype=torch.uint8)})
+    assert (tmp_path / "checkpoint").stat().st_size < IMAGES.nbytes / 2
+
+
+def _compressed(content: bytes, shape: list[int]) -> tuple[str, dict[str, np.ndarray]]:
+    tree = ["mapping", [["images", ["compressed", ["array", "0", shape]]]]]
+    return json.dumps(tree), {"0": np.frombuffer(content, np.uint8)}
+
+
+@pytest.mark.parametrize(
+    ("content", "shape"),
+    [
+        (zlib.compress(b"12345"), [2, 3]),
+        (zlib.compress(b"1234567"), [2, 3]),
+        (zlib.compress(bytes(10**8)), [2, 3]),
+        (zlib.compress(b"123456")[:-7], [2, 3]),
+        (b"no such bytes", [2, 3]),
+    ],
+    ids=["too few", "too many", "far too many", "cut off", "no compressed bytes"],
+)
+def test_compressed_bytes_that_are_no_such_images_are_refused(tmp_path: Path, content: bytes, shape: list[int]) -> None:
+    tree, arrays = _compressed(content, shape)
+    metadata = {"format": "1", "tree": tree, "digest": checkpoint._digest(tree, arrays)}
+    (tmp_path / "checkpoint").write_bytes(serialise(arrays, metadata))
+    with pytest.raises(BrokenCheckpointError, match="is not a whole checkpoint"):
+        load(tmp_path / "checkpoint")
 
 
 def test_what_was_loaded_can_be_changed(tmp_path: Path) -> None:

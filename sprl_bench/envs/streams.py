@@ -9,6 +9,7 @@ Generation", 2014 (PCG XSL RR 128/64); NumPy's documentation of `SeedSequence`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -143,6 +144,11 @@ def from_generator(generator: np.random.Generator) -> NDArray[np.uint64]:
     return np.array(limbs, dtype=np.uint64)
 
 
+def from_generators(generators: Sequence[np.random.Generator]) -> NDArray[np.uint64]:
+    """Return the rows of N PCG64 generators, [N, STREAM_LIMBS]."""
+    return np.stack([from_generator(generator) for generator in generators])
+
+
 def to_generator(stream: NDArray[np.uint64]) -> np.random.Generator:
     """Return a generator that continues the stream of a row, without changing the row."""
     state_high, state_low, increment_high, increment_low = (int(limb) for limb in stream)
@@ -157,3 +163,8 @@ def to_generator(stream: NDArray[np.uint64]) -> np.random.Generator:
         "uinteger": 0,
     }
     return np.random.Generator(bit_generator)
+
+
+def to_generators(streams: NDArray[np.uint64]) -> list[np.random.Generator]:
+    """Return generators that continue the streams of N rows [N, STREAM_LIMBS]."""
+    return [to_generator(stream) for stream in streams]

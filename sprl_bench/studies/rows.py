@@ -241,6 +241,17 @@ _ROWS = (
         "steps that lead back to a place of the walk.",
     ),
     Study(
+        name="fig22-atari",
+        title="Which walks does a trained network charge in Montezuma's Revenge?",
+        claim="Dear walks go back and forth; cheap ones move on.",
+        tasks={"atari": ("MontezumaRevenge",)},
+        agents=("sprl",),
+        judge=lambda evidence, _agents: judge_walks(evidence.folders),
+        draw=_draw_walks,
+        decisions="As fig22, in the first room: a walk ends where the agent leaves it. The paper shows Room 6, for "
+        "which an agent has to be good. Positions are read from the console's memory, in steps of four pixels.",
+    ),
+    Study(
         name="sec6.6",
         title="How much does the constraint prune?",
         claim="The larger k, the fewer trajectories are left, and a shortest path to the goal always remains.",

@@ -7,7 +7,15 @@ from gymnasium.utils import seeding
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from sprl_bench.envs.streams import STREAM_LIMBS, fill_doubles, from_generator, seed_streams, to_generator
+from sprl_bench.envs.streams import (
+    STREAM_LIMBS,
+    fill_doubles,
+    from_generator,
+    from_generators,
+    seed_streams,
+    to_generator,
+    to_generators,
+)
 
 seeds = st.one_of(st.integers(0, 2**33), st.integers(0, 2**128), st.integers(0, 2**300))
 
@@ -48,3 +56,12 @@ def test_only_the_named_rows_are_seeded() -> None:
     np.testing.assert_array_equal(streams[2], from_generator(np.random.default_rng(7)))
     np.testing.assert_array_equal(streams[0], from_generator(np.random.default_rng(8)))
     assert not streams[[1, 3]].any()
+
+
+def test_generators_continue_from_their_rows() -> None:
+    generators = [np.random.default_rng(seed) for seed in (3, 4)]
+    generators[1].random(5)
+    rows = from_generators(generators)
+    assert rows.shape == (2, STREAM_LIMBS)
+    for original, restored in zip(generators, to_generators(rows), strict=True):
+        np.testing.assert_array_equal(restored.random(4), original.random(4))

@@ -16,6 +16,7 @@ from sprl_bench.records import read
 from sprl_bench.records.folder import RECORD, SPEC, WEIGHTS
 from sprl_bench.records.types import RunSpec
 from sprl_bench.studies import reduction, trajectories
+from sprl_bench.studies.agent_places import place_of, room_of, screen_of
 from sprl_bench.studies.trajectories import Walk, judge_walks, split, walks_of
 
 
@@ -77,6 +78,87 @@ def test_a_trained_run_is_judged_by_its_own_network(
     assert walks
     assert all(6 <= len(one.positions) <= 61 for one in walks)
     assert all(0 <= one.cost <= 1 for one in walks)
+
+
+TINY = (
+    "sprl+num_envs=2+rollout_length=16+epochs=1+minibatches=1+k=2+negative_bias=2+replay_size=64"
+    "+head_units=16+embedding_units=16+tolerance_samples=2"
+)
+
+
+def test_walks_in_montezumas_revenge_are_drawn_on_its_screen(
+    capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ale_py")
+    monkeypatch.setattr(executors, "make_executor", lambda *_: Here())
+    monkeypatch.setattr(trajectories, "WALKS", 8)
+    monkeypatch.setattr(trajectories, "LONGEST", 12)
+    command = ["reproduce", "fig22-atari", "--seeds", "1", "--budget-share", "5e-6", "--base", TINY]
+    status, printed, err = call(capsys, *command, "--device", "cpu", "--out", tmp_path)
+    assert status == 0, err
+    assert "Verdict: " in printed
+    assert (tmp_path / "fig22-atari.png").exists()
+    [folder] = [path.parent for path in tmp_path.rglob(RECORD)]
+    walks = walks_of(folder)
+    assert walks
+    assert all(6 <= len(one.positions) <= 13 for one in walks)
+    assert all(one.positions[0].tolist() == [77 // 4, 83 // 4] for one in walks)  # on the first platform
+    background = trajectories._background(folder)
+    assert background is not None
+    assert background.shape == (210, 160)
+
+
+def test_visits_are_drawn_where_they_were() -> None:
+    from matplotlib.figure import Figure
+
+    walks = [Walk(np.array([(3, 5), (4, 5), (4, 5)]), 0.0), Walk(np.array([(2, 2), (3, 2)]), 1.0)]
+    over_area, over_screen = Figure().subplots(1, 2)
+    trajectories._draw_visits(over_area, walks[:1], walks, None)
+    assert over_area.images[0].get_array().tolist() == [[0, 0, 0]] * 3 + [[0, 1, 2]]
+    trajectories._draw_visits(over_screen, walks[:1], walks, np.zeros((210, 160)))
+    screen, visits = over_screen.images
+    assert screen.get_extent() == [0, 160, 210, 0]
+    left, right, bottom, top = visits.get_extent()
+    counts = visits.get_array()
+    assert (right - left) / counts.shape[1] == (bottom - top) / counts.shape[0] == 4
+    assert {(x, y): counts[y, x] for y, x in np.argwhere(counts.filled(0))} == {(3, 5): 1, (4, 5): 2}
+
+
+def test_a_place_in_montezumas_revenge_is_where_the_screen_shows_the_agent() -> None:
+    """Down the ladder and aside: where the agent was and is, the screen has changed."""
+    pytest.importorskip("ale_py")
+    env = gymnasium.make("SPRL/MontezumaRevenge-v1")
+    observation, info = env.reset(seed=0)
+
+    def play(action: int, steps: int) -> tuple[tuple[int, int], np.ndarray]:
+        for _ in range(steps):
+            env.step(action)
+        return place_of(env, observation, info), screen_of(env)
+
+    def changed(before: np.ndarray, after: np.ndarray, place: tuple[int, int]) -> int:
+        x, y = (4 * one + 2 for one in place)
+        around = slice(y - 8, y + 8), slice(x - 4, x + 4)
+        return int((before[around] != after[around]).sum())
+
+    start, first = play(0, 20)
+    below, second = play(5, 8)
+    assert start == (77 // 4, 83 // 4)
+    assert 8 <= below[1] - start[1] <= 12  # the ladder's length
+    aside, third = play(4, 4)
+    assert aside[0] < below[0] == start[0]
+    assert abs(aside[1] - below[1]) <= 1
+    assert min(changed(first, second, start), changed(first, second, below)) > 40
+    assert min(changed(second, third, below), changed(second, third, aside)) > 40
+    assert room_of(env) == 1
+    env.close()
+
+
+def test_positions_in_other_games_are_not_known() -> None:
+    pytest.importorskip("ale_py")
+    env = gymnasium.make("SPRL/MsPacman-v1")
+    observation, info = env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"The game is SPRL/MsPacman-v1; it must be SPRL/MontezumaRevenge-v1"):
+        place_of(env, observation, info)
 
 
 def test_costs_of_a_stretch_are_those_of_training(

@@ -15,8 +15,9 @@ from sprl_bench.envs.atari import atari_env
 from sprl_bench.envs.atari.atari_env import AtariEnv
 from sprl_bench.envs.atari.emulators import BLOCK, NUM_SEEDS, Emulators
 from sprl_bench.envs.atari.preprocessing import HORIZON, METADATA, NUM_ACTIONS, action_space, observation_space
+from sprl_bench.envs.discrete_actions import DiscreteActions
 from sprl_bench.envs.engine import Array, Rows
-from sprl_bench.envs.streams import STREAM_LIMBS, from_generator, to_generator
+from sprl_bench.envs.streams import from_generator, from_generators, to_generator, to_generators
 from sprl_bench.envs.vector import BatchedEnv
 
 
@@ -39,6 +40,7 @@ class AtariEngine(BatchedEnv):
             same_step=self._mode is AutoresetMode.SAME_STEP,
             num_threads=self._threads.count,
         )
+        self._actions = DiscreteActions(self.num_envs, NUM_ACTIONS - 1)
         self._generators = [np.random.default_rng(0)] * self.num_envs  # until they are seeded
         self._is_success = np.zeros(self.num_envs, np.bool_)
         self._is_asked = False  # whether the user resets; other restarts are ale-py's own
@@ -74,20 +76,9 @@ class AtariEngine(BatchedEnv):
         self._is_success |= self._rewards > 0
 
     def _checked_actions(self, actions: Any) -> NDArray[np.int64]:
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise TypeError(
-                f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
-            )
-        is_wrong = (given < 0) | (given >= NUM_ACTIONS)
-        if not is_wrong.any():
-            return given
-        wrong = np.flatnonzero(is_wrong & ~self._ended)
-        if len(wrong):
-            raise ValueError(
-                f"actions[{wrong[0]}] is {given[wrong[0]]}; it must be an integer from 0 to {NUM_ACTIONS - 1}."
-            )
-        return np.where(self._ended, 0, given)
+        checked = self._actions.checked(actions, self._ended)
+        is_wrong = (checked < 0) | (checked >= NUM_ACTIONS)  # of an ended game; ale-py takes no such action even there
+        return np.where(is_wrong, 0, checked)
 
     def _information(self) -> Mapping[str, Array]:
         return {"is_success": self._is_success}
@@ -99,16 +90,9 @@ class AtariEngine(BatchedEnv):
         return {
             "observations": self._observations,
             "is_success": self._is_success,
-            "streams": self._streams(),
+            "streams": from_generators(self._generators),
             **{f"emulator_{name}": values for name, values in self._emulators.arrays.items()},
         }
-
-    def _streams(self) -> NDArray[np.uint64]:
-        """Return the state of the generators, [N, STREAM_LIMBS]."""
-        streams = np.zeros((self.num_envs, STREAM_LIMBS), np.uint64)
-        for row, generator in enumerate(self._generators):
-            streams[row] = from_generator(generator)
-        return streams
 
     def set_state(self, state: Mapping[str, Array]) -> None:
         """Restore a state from `get_state` of an engine with the same id, arguments and N.
@@ -120,7 +104,7 @@ class AtariEngine(BatchedEnv):
                 gave other observations, as another version of ale-py may.
         """
         super().set_state(state)
-        self._generators = [to_generator(stream) for stream in state["streams"]]
+        self._generators = to_generators(state["streams"])
         self._emulators.replay()
         if (self._emulators.newest != self._observations).any():
             raise ValueError("state['observations'] differs from the replay; it must be of this version of ale-py.")

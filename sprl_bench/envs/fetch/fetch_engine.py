@@ -19,7 +19,7 @@ from sprl_bench.envs.fetch import rules
 from sprl_bench.envs.fetch.batched_simulation import BatchedSimulation
 from sprl_bench.envs.fetch.fetch_env import FetchEnv, is_reached, make_single
 from sprl_bench.envs.fetch.rules import ACTION_SPACE, ELSEWHERE, Rules, checked_actions
-from sprl_bench.envs.streams import STREAM_LIMBS, from_generator, to_generator
+from sprl_bench.envs.streams import from_generator, from_generators, to_generator, to_generators
 from sprl_bench.envs.vector import BatchedEnv
 
 _WIDTHS: Final = {"Reach": (10, 3, 3), "Push": (25, 3, 3), "Slide": (25, 3, 3), "PickAndPlace": (25, 3, 3)}
@@ -112,15 +112,8 @@ class FetchEngine(BatchedEnv):
             "simulations": self._simulation.rows,
             "positions": self._simulation.positions,
             "orientations": self._simulation.orientations,
-            "streams": self._streams(),
+            "streams": from_generators(self._generators),
         }
-
-    def _streams(self) -> NDArray[np.uint64]:
-        """Return the state of the generators, [N, STREAM_LIMBS]."""
-        streams = np.zeros((self.num_envs, STREAM_LIMBS), np.uint64)
-        for row, generator in enumerate(self._generators):
-            streams[row] = from_generator(generator)
-        return streams
 
     def set_state(self, state: Mapping[str, Array]) -> None:
         """Restore a state from `get_state` of an engine with the same id, arguments and N.
@@ -129,7 +122,7 @@ class FetchEngine(BatchedEnv):
             ValueError: The state is not from such an engine. No state has changed.
         """
         super().set_state(state)
-        self._generators = [to_generator(stream) for stream in state["streams"]]
+        self._generators = to_generators(state["streams"])
 
     def _check_state(self, state: Mapping[str, Array]) -> None:
         for name in ("observations", "simulations", "positions", "orientations"):

@@ -34,7 +34,6 @@ from sprl_bench.envs.grid.encoding import (
     KEY,
     LEFT,
     LOCKED,
-    NUM_ACTIONS,
     OPEN,
     PICKUP,
     RED,
@@ -222,12 +221,3 @@ def advance(
         rewards[row] = 1 - 0.9 * (elapsed[row] / HORIZON) if reached else 0.0
         terminations[row] = reached
         truncations[row] = elapsed[row] >= HORIZON and not (reached or skipped[row])
-
-
-@kernel
-def first_invalid(actions: Integers, skipped: Flags) -> int:
-    """Return the first row that is not skipped and has an action out of range, or -1."""
-    for row in range(actions.shape[0]):
-        if (actions[row] < 0 or actions[row] >= NUM_ACTIONS) and not skipped[row]:
-            return row
-    return -1

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete
 from numpy.typing import NDArray
 
+from sprl_bench.envs.discrete_actions import DiscreteActions
 from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.grid import dynamics
 from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, NUM_ACTIONS, RED, WALL
@@ -40,7 +41,7 @@ class GridEngine(BatchedEnv):
         self._beneath = np.zeros((self.num_envs, 3), np.uint8)
         self._carrying = np.zeros(self.num_envs, np.bool_)
         self._streams = np.zeros((self.num_envs, STREAM_LIMBS), np.uint64)
-        self._actions = np.zeros(self.num_envs, np.int64)
+        self._actions = DiscreteActions(self.num_envs, NUM_ACTIONS - 1)
         self._is_success = np.zeros(self.num_envs, np.bool_)
 
     def _seed(self, rows: Rows, seeds: list[int]) -> None:
@@ -68,16 +69,7 @@ class GridEngine(BatchedEnv):
         self._is_success[:] = self._terminations
 
     def _checked_actions(self, actions: Any) -> NDArray[np.int64]:
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise TypeError(
-                f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
-            )
-        self._actions[:] = given  # the kernels are compiled for one type
-        row = dynamics.first_invalid(self._actions, self._ended)
-        if row >= 0:
-            raise ValueError(f"actions[{row}] is {given[row]}; it must be an integer from 0 to {NUM_ACTIONS - 1}.")
-        return self._actions
+        return self._actions.checked(actions, self._ended)
 
     def _information(self) -> Mapping[str, Array]:
         return {"is_success": self._is_success, "position": self._agents[:, :2]}

@@ -11,6 +11,7 @@ from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import VECTOR_ARGUMENTS, refuse_unknown
+from sprl_bench.envs.discrete_actions import DiscreteActions
 from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.maze import play
 from sprl_bench.envs.maze.levels import Level
@@ -55,7 +56,7 @@ class MazeEngine(BatchedEnv):
             **arguments,
         )
         self.mazes = Mazes(self.level, self.variant, self._observations)
-        self._actions = np.zeros(self.num_envs, np.int64)
+        self._actions = DiscreteActions(self.num_envs, self.variant.num_actions - 1)
 
     @property
     def level(self) -> Level:
@@ -81,17 +82,7 @@ class MazeEngine(BatchedEnv):
         )
 
     def _checked_actions(self, actions: Any) -> NDArray[np.int64]:
-        given = np.asarray(actions)
-        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
-            raise TypeError(
-                f"actions is {given.dtype} of shape {given.shape}; it must be integers of shape ({self.num_envs},)."
-            )
-        self._actions[:] = given  # the kernels are compiled for one type
-        highest = self.variant.num_actions - 1
-        row = play.first_invalid(self._actions, self._ended, highest)
-        if row >= 0:
-            raise ValueError(f"actions[{row}] is {given[row]}; it must be an integer from 0 to {highest}.")
-        return self._actions
+        return self._actions.checked(actions, self._ended)
 
     def _information(self) -> Mapping[str, Array]:
         return self.mazes.information()

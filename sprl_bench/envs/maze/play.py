@@ -111,12 +111,3 @@ def stands_in_wall(cells: Cells, poses: Integers) -> bool:
     for row in range(poses.shape[0]):
         found |= is_inside_wall(cells, row, poses[row, 0], poses[row, 1])
     return found
-
-
-@kernel
-def first_invalid(actions: Integers, skipped: Flags, highest: int) -> int:
-    """Return the first row that is not skipped and has an action out of range, or -1."""
-    for row in range(actions.shape[0]):
-        if (actions[row] < 0 or actions[row] > highest) and not skipped[row]:
-            return row
-    return -1

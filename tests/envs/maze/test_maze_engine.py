@@ -24,7 +24,7 @@ from sprl_bench.envs import MAZE_IDS as IDS
 
 SMALL, LARGE, MANY = IDS
 MODES = ("SameStep", "NextStep", "Disabled")
-SHORT = int(os.environ.get("SPRL_MAZE_LOCKSTEP_STEPS", "3000"))  # steps in each level and mode; CI may take 100,000
+SHORT = int(os.environ.get("SPRL_MAZE_LOCKSTEP_STEPS", "3000"))  # steps in each level and mode; .ci/run has more
 LONG = int(os.environ.get("SPRL_LOCKSTEP_STEPS", "1000000"))
 
 
