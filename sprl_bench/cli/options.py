@@ -7,19 +7,18 @@ import sys
 from collections.abc import Collection
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import Annotated, Final
 
 import typer
 
+from sprl_bench.cli.streams import legible
 from sprl_bench.suggestions import unknown
-
-if TYPE_CHECKING:  # loaded when a command needs it
-    from sprl_bench.records import RunSpec
 
 SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md", ".tex": "latex"})
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
+Suites = Annotated[list[str] | None, typer.Option("--suite", help="Only this suite; may be given several times.")]
 Agents = Annotated[list[str] | None, typer.Option("--agent", help="Only this agent; may be given several times.")]
 AllowMissing = Annotated[
     bool, typer.Option("--allow-missing", help="Show the finished runs, and mark the missing ones.")
@@ -36,13 +35,6 @@ def require_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
-
-
-def planned_runs(runs: Path) -> list[RunSpec]:
-    """Return the spec of every run below this folder, begun or not."""
-    from sprl_bench.suite import survey
-
-    return [state.spec for state in survey(runs)]
 
 
 def choose_format(form: str | None, output: Path | None, allowed: Collection[str]) -> str:
@@ -69,7 +61,7 @@ def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
 def deliver(text: str, output: Path | None) -> None:
     """Print `text`, or write it to a file and say so."""
     if output is None:
-        sys.stdout.write(text)
+        sys.stdout.write(legible(text, sys.stdout.encoding))
         return
     from sprl_bench.records import write_bytes
 

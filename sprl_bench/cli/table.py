@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sprl_bench.cli import options
+from sprl_bench.cli.found_runs import REMEDY, FoundRuns, describe_broken, find_runs, warn
 
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
@@ -17,23 +18,40 @@ def table(
     runs: options.Runs,
     form: options.Format = None,
     output: options.Output = None,
+    suite: options.Suites = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
     allow_missing: options.AllowMissing = False,
-) -> None:
-    """Show each agent's mean AUC with its interval, one table a suite."""
-    from sprl_bench.records import find_records
-    from sprl_bench.tables import FORMATS, render, tabulate
+) -> int:
+    """Show each agent's mean AUC with its interval, one table a suite; the exit status is 1 if a suite has none."""
+    from sprl_bench.tables import FORMATS, MissingRunsError, render, tabulate_finished
 
     form = options.choose_format(form, output, FORMATS)
-    made = tabulate(
-        find_records(runs),
+    found = find_runs(runs).of(suite or None)
+    made, lacking = tabulate_finished(
+        found.records,
         tasks=task or None,
         agents=agent or None,
-        planned=options.planned_runs(runs),
+        planned=found.planned,
         allow_missing=allow_missing,
+        broken=_faults(found, allow_missing=allow_missing),
     )
+    known = {spec.suite for spec in found.planned}
+    elsewhere = [one.error for one in found.broken if one.suite not in known]
+    if not made:
+        raise MissingRunsError(" ".join([*lacking, *elsewhere]) or "There is no finished run to make a table of.")
     options.deliver(render(made, form, width=options.terminal_width(output)), output)
+    warn([*lacking, *elsewhere])
+    return 1 if lacking or (elsewhere and not allow_missing) else 0
+
+
+def _faults(found: FoundRuns, *, allow_missing: bool) -> dict[str, str]:
+    """Return why runs cannot be read, by suite."""
+    return {
+        suite: describe_broken(own) + f" {REMEDY}" * (not allow_missing)
+        for suite in {one.suite for one in found.broken if one.suite}
+        if (own := [one for one in found.broken if one.suite == suite])
+    }
 
 
 def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
