@@ -19,7 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sprl_bench.durations import duration
-from sprl_bench.records import RunSpec
+from sprl_bench.records import InvalidFileError, RunSpec
 from sprl_bench.suite import Observer, Outcome, RunState, state_of
 
 LIVE_S: Final = 1.0  # between two readings of the folders
@@ -44,7 +44,7 @@ class _Overview:
     def look(self) -> None:
         """Read the folders of unfinished runs again."""
         known = {state.spec.path(self._out): state for state in self.states if state.status == "finished"}
-        self.states = [known.get(spec.path(self._out)) or state_of(spec, self._out) for spec in self._specs]
+        self.states = [known.get(spec.path(self._out)) or _state_of(spec, self._out) for spec in self._specs]
         self.running = [state for state in self.states if state.status == "running"]
         self.finished = sum(state.status == "finished" for state in self.states)
         self.budget = sum(state.spec.task.budget for state in self.states)
@@ -67,6 +67,14 @@ class _Overview:
     def _mean_speed(self) -> float:
         """Return the env steps per second since the start: runs that are short may tell nothing while they run."""
         return (self.env_steps - self._had) / max(time.monotonic() - self._began, 1e-9)
+
+
+def _state_of(spec: RunSpec, out: Path) -> RunState:
+    """Return the progress of a run; one that cannot be read is about to fail, and stops no other."""
+    try:
+        return state_of(spec, out)
+    except (InvalidFileError, OSError):
+        return RunState(spec, "unknown", 0, 0.0, None)
 
 
 def _label(spec: RunSpec) -> str:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Final, cast
 
 import typer
 
@@ -23,12 +23,14 @@ from sprl_bench.cli.report import report, watch
 from sprl_bench.cli.reproduce import reproduce
 from sprl_bench.cli.run import run
 from sprl_bench.cli.status import status
+from sprl_bench.cli.streams import open_streams, unbreakable_output
 from sprl_bench.cli.table import table
 from sprl_bench.cli.verify import reproduce_row, verify
 from sprl_bench.cli.video import video
 from sprl_bench.extras import extra_of, not_installed
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
+WORKING: Final = ("run", "sweep", "reproduce", "reproduce-row", "watch")  # what they print is not their result
 UsageError = cast(type[typer.BadParameter], typer.BadParameter.__mro__[1])
 """The parser raises it for a wrong command; typer does not export it."""
 
@@ -95,18 +97,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _prepare_process() -> None:
     """Let this process, even the first of a container, end on SIGTERM as on Ctrl-C, and print what its terminal can."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:  # closed by the shell
-            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - as long as the process
-        elif hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+    open_streams()
 
 
 def _call(words: Sequence[str]) -> int:
     try:
-        status = app(list(words), standalone_mode=False)
-        sys.stdout.flush()
+        with unbreakable_output() if words and words[0] in WORKING else contextlib.nullcontext():
+            status = app(list(words), standalone_mode=False)
+            sys.stdout.flush()
     except UsageError as error:
         return _complain(error.format_message(), MISUSED)
     except typer.Abort:

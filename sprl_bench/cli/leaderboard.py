@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from sprl_bench.cli import options
+from sprl_bench.cli.found_runs import find_runs
 
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.leaderboard.submission import Status
@@ -107,7 +108,7 @@ def add(
     from sprl_bench import leaderboard
 
     options.check_choice("status", status, STATUSES)
-    records, planned = runs_of(runs, seeds)
+    records, planned = runs_of(runs, seeds, suites=[suite] if suite else None, agent=agent)
     home = home or leaderboard.own_home()
     if not pending:
         _write_entry(records, agent, authors, link, suite, status, home, replace, planned)
@@ -172,10 +173,9 @@ def compare(
     from sprl_bench import leaderboard
 
     form = options.choose_format(form, output, leaderboard.COMPARISON_FORMATS)
-    records, planned = runs_of(runs, seeds)
-    compared = leaderboard.compare(
-        records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned
-    )
+    entries = leaderboard.find_board(against)
+    records, planned = runs_of(runs, seeds, suites=[entry.suite for entry in entries], agent=agent)
+    compared = leaderboard.compare(records, entries, agent=agent, tasks=task or None, planned=planned)
     options.deliver(leaderboard.render_comparisons(compared, form, width=options.terminal_width(output)), output)
 
 
@@ -192,7 +192,7 @@ def plot(
     from sprl_bench import leaderboard, plots
 
     entries = leaderboard.find_board(board)
-    records, planned = runs_of(runs, None) if runs else ([], [])
+    records, planned = runs_of(runs, None, suites=[entries[0].suite]) if runs else ([], [])
     results, wanted = leaderboard.side_by_side(entries, records, planned=planned, agents=agent or None)
     if runs and not any(spec.suite == entries[0].suite for spec in planned):
         raise ValueError(f"There is no run of suite {entries[0].suite!r} in {runs}.")
@@ -200,11 +200,17 @@ def plot(
     typer.echo(f"Wrote {output}.", err=True)
 
 
-def runs_of(folder: Path, seeds: str | None) -> tuple[list[RunRecord], list[RunSpec]]:
-    """Return the records and the plans below a folder, all of them or those of some seeds."""
-    from sprl_bench.records import find_records
+def runs_of(
+    folder: Path, seeds: str | None, *, suites: Collection[str] | None, agent: str | None = None
+) -> tuple[list[RunRecord], list[RunSpec]]:
+    """Return the records and the plans below a folder, all of them or those of some seeds.
 
-    records, planned = find_records(folder), options.planned_runs(folder)
+    Raises:
+        InvalidFileError: A run of these suites and this agent cannot be read.
+    """
+    found = find_runs(folder)
+    found.refuse_broken(suites, agent)
+    records, planned = found.records, found.planned
     if seeds is None:
         return records, planned
     chosen = options.parse_seeds(seeds)

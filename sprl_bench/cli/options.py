@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from sprl_bench.cli.streams import legible
 from sprl_bench.suggestions import unknown
 
 if TYPE_CHECKING:  # loaded when a command needs it
@@ -20,6 +21,7 @@ SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md",
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
 Tasks = Annotated[list[str] | None, typer.Option("--task", help="Only this task; may be given several times.")]
+Suites = Annotated[list[str] | None, typer.Option("--suite", help="Only this suite; may be given several times.")]
 Agents = Annotated[list[str] | None, typer.Option("--agent", help="Only this agent; may be given several times.")]
 AllowMissing = Annotated[
     bool, typer.Option("--allow-missing", help="Show the finished runs, and mark the missing ones.")
@@ -39,24 +41,6 @@ def require_command(context: typer.Context) -> None:
     if context.invoked_subcommand is None:
         typer.echo(context.get_help())
         raise typer.Exit(2)
-
-
-def planned_runs(runs: Path) -> list[RunSpec]:
-    """Return the spec of every run below this folder, begun or not."""
-    from sprl_bench.suite import survey
-
-    return [state.spec for state in survey(runs)]
-
-
-def planned_and_statuses(runs: Path) -> tuple[list[RunSpec], dict[Path, str]]:
-    """Return the spec of every run below this folder, and the status of each unfinished one by its path."""
-    from sprl_bench.suite import survey
-
-    states = survey(runs)
-    unfinished: dict[Path, str] = {
-        state.spec.path(Path()): state.status for state in states if state.status != "finished"
-    }
-    return [state.spec for state in states], unfinished
 
 
 def choose_format(form: str | None, output: Path | None, allowed: Collection[str]) -> str:
@@ -83,7 +67,7 @@ def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
 def deliver(text: str, output: Path | None) -> None:
     """Print `text`, or write it to a file and say so."""
     if output is None:
-        sys.stdout.write(text)
+        sys.stdout.write(legible(text, sys.stdout.encoding))
         return
     from sprl_bench.records import write_bytes
 

@@ -27,8 +27,7 @@ def power(
     from sprl_bench import leaderboard
 
     form = options.choose_format(form, output, leaderboard.COMPARISON_FORMATS)
-    records, planned = runs_of(runs, seeds)
-    plans = leaderboard.plan_seeds(
-        records, leaderboard.find_board(against), agent=agent, tasks=task or None, planned=planned, looks=looks
-    )
+    entries = leaderboard.find_board(against)
+    records, planned = runs_of(runs, seeds, suites=[entry.suite for entry in entries], agent=agent)
+    plans = leaderboard.plan_seeds(records, entries, agent=agent, tasks=task or None, planned=planned, looks=looks)
     options.deliver(leaderboard.render_plans(plans, form, width=options.terminal_width(output)), output)

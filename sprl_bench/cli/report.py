@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from sprl_bench.cli.found_runs import find_runs, sentence_of
 from sprl_bench.cli.leaderboard import BOARD
 
 if TYPE_CHECKING:  # loaded when a command needs them
@@ -24,13 +25,16 @@ def report(
     source: Annotated[Path, typer.Argument(help=f"A folder with runs; or a board. {BOARD}")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The .html file.")] = Path("report.html"),
     against: Against = None,
+    allow_missing: Annotated[
+        bool, typer.Option("--allow-missing", help="Leave out runs that cannot be read, and name them on the page.")
+    ] = False,
 ) -> None:
     """Make one page with tables, charts and provenance that opens without a network."""
     from sprl_bench.report import write_report
 
     if output.suffix.lower() not in (".html", ".htm") and output.parent != Path("/dev"):
         raise ValueError(f"output is {str(output)!r}; it must end in .html.")
-    write_report(_source(source, against), output)
+    write_report(_source(source, against, allow_missing=allow_missing), output)
     typer.echo(f"Wrote {output}.", err=True)
 
 
@@ -46,9 +50,10 @@ def watch(
     """Serve the report of runs, and refresh it while they go on."""
     from sprl_bench.report import make_server, render_report
 
-    server = make_server(
-        lambda: render_report(_of_runs(runs, against), refresh_s=every), host=host, port=port, every_s=every
-    )
+    def page() -> str:
+        return render_report(_of_runs(runs, against, allow_missing=True), refresh_s=every)
+
+    server = make_server(page, host=host, port=port, every_s=every)
     shown, number = server.server_address[:2]
     typer.echo(f"Open http://{shown!s}:{number}/ in a browser; Ctrl-C ends it.", err=True)
     with server:
@@ -58,14 +63,14 @@ def watch(
             typer.echo("Ended.", err=True)
 
 
-def _source(source: Path, against: Path | None) -> Source:
+def _source(source: Path, against: Path | None, *, allow_missing: bool) -> Source:
     """Return the report's source: of runs if the folder has any, else of a board."""
     from sprl_bench import leaderboard
     from sprl_bench.records.folder import RECORD, SPEC
     from sprl_bench.report import of_board
 
     if any(path for name in (SPEC, RECORD) for path in source.rglob(name)):
-        return _of_runs(source, against)
+        return _of_runs(source, against, allow_missing=allow_missing)
     if source.is_dir() and not any(source.rglob("*.json")):
         raise FileNotFoundError(f"There are no runs in {source}.")
     if against:
@@ -73,20 +78,21 @@ def _source(source: Path, against: Path | None) -> Source:
     return of_board(source.stem if source.is_file() else source.name, leaderboard.find_board(source))
 
 
-def _of_runs(runs: Path, against: Path | None) -> Source:
+def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source:
     from sprl_bench.leaderboard import find_board
-    from sprl_bench.records import find_recorded
     from sprl_bench.report import of_runs
-    from sprl_bench.suite import survey
 
-    recorded = find_recorded(runs)
-    states = survey(runs, recorded)
+    found = find_runs(runs)
+    states = found.states
+    if not (allow_missing and states):
+        found.refuse_broken()
     if not states:
         raise FileNotFoundError(f"There are no runs in {runs}.")
     logged, notes = _logged(runs, states)
+    notes += [f"Cannot be read: {one.error}" for one in found.broken]
     return of_runs(
         runs.resolve().name,
-        [record for _, record in recorded],
+        found.records,
         [_progress(runs, state) for state in states],
         logged=logged,
         entries=find_board(against) if against else (),
@@ -107,11 +113,21 @@ def _progress(runs: Path, state: RunState) -> Progress:
 
 def _logged(runs: Path, states: Sequence[RunState]) -> tuple[list[Logged], list[str]]:
     """Return the diagnostics of runs, of the first seeds if there are very many, and a note on that."""
-    from sprl_bench.records import read_metrics
-
     ordered = sorted(states, key=lambda state: state.spec.seed)
-    lines = [(state.spec, read_metrics(state.spec.path(runs))) for state in ordered[:MOST_LOGGED]]
+    broken: list[str] = []
+    lines = [(state.spec, _metrics_of(state.spec.path(runs), broken)) for state in ordered[:MOST_LOGGED]]
     found: list[Logged] = [(spec, of_run) for spec, of_run in lines if of_run]
     left_out = len(states) - len(lines)
     note = f"What agents logged is shown of {len(lines)} of {len(states)} runs, those with the lowest seeds."
-    return found, [note] if left_out and found else []
+    return found, [*broken, *([note] if left_out and found else [])]
+
+
+def _metrics_of(folder: Path, broken: list[str]) -> list[dict[str, Any]]:
+    """Return what an agent logged; none if it is broken, which is added to `broken`."""
+    from sprl_bench.records import InvalidFileError, read_metrics
+
+    try:
+        return read_metrics(folder)
+    except (InvalidFileError, OSError) as error:
+        broken.append(sentence_of(error))
+        return []

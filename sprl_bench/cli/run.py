@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import sys
 from collections.abc import Sequence
@@ -88,11 +89,9 @@ def run(
 def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequence[Outcome], out: Path) -> int:
     """Show the table of these runs, their folder, and the next commands; return the exit status."""
     from sprl_bench.cli.table import print_tables
-    from sprl_bench.records import RunRecord, read
     from sprl_bench.records.folder import ERROR, RECORD, run_path
 
-    there = [path for spec in specs if (path := spec.path(out) / RECORD).exists()]
-    records = [*known, *(read(path, RunRecord) for path in there)]
+    records = [*known, *(record for spec in specs if (record := _record_of(spec.path(out) / RECORD)))]
     complete = any(record.status == "complete" for record in records)
     if complete:
         typer.echo()
@@ -113,3 +112,12 @@ def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequ
             file=sys.stderr,
         )
     return 1 if failed else 0
+
+
+def _record_of(path: Path) -> RunRecord | None:
+    """Return a record; None if there is none, or a broken one, whose run has failed."""
+    from sprl_bench.records import InvalidFileError, RunRecord, read
+
+    with contextlib.suppress(InvalidFileError, OSError):
+        return read(path, RunRecord)
+    return None

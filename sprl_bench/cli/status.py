@@ -8,22 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sprl_bench.cli.found_runs import find_runs, warn
+
 if TYPE_CHECKING:  # loaded when the command needs it
     from sprl_bench.suite import RunState
 
-STATUSES = ("finished", "running", "interrupted", "failed", "waiting")
+STATUSES = ("finished", "running", "interrupted", "failed", "waiting", "unknown")
 
 
 def status(runs: Annotated[Path, typer.Argument(help="The folder of all runs.")]) -> int:
-    """Show which runs are finished, running, failed or waiting; the exit status is 1 if a run failed."""
-    from sprl_bench.suite import survey
-
-    states = survey(runs)
-    if not states:
+    """Show which runs are finished, running, failed or waiting; the exit status is 1 if one failed or is unreadable."""
+    found = find_runs(runs)
+    if not (found.states or found.broken):
         raise FileNotFoundError(f"There are no runs in {runs}.")
-    for line in _summary(states):
+    for line in _summary(found.states) if found.states else ():
         typer.echo(line)
-    return 1 if any(state.status == "failed" for state in states) else 0
+    warn(one.error for one in found.broken)
+    return 1 if found.broken or any(state.status == "failed" for state in found.states) else 0
 
 
 def _summary(states: Sequence[RunState]) -> list[str]:

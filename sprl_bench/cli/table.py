@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from sprl_bench.cli import options
+from sprl_bench.cli.found_runs import REMEDY, FoundRuns, describe_broken, find_runs, warn
 
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.records import RunRecord, RunSpec
@@ -29,36 +30,51 @@ def table(
     runs: options.Runs,
     form: options.Format = None,
     output: options.Output = None,
+    suite: options.Suites = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
     allow_missing: options.AllowMissing = False,
     statistic: Statistic = "auc",
-) -> None:
-    """Show each agent's mean AUC, or another statistic, with its interval, one table a suite."""
-    from sprl_bench.records import find_records
-    from sprl_bench.tables import FORMATS, Result, render, tabulate
+) -> int:
+    """Show each agent's mean AUC, or another statistic, with its interval; the exit status is 1 if a suite has none."""
+    from sprl_bench.tables import FORMATS, MissingRunsError, Result, render, tabulate_finished
     from sprl_bench.tables.statistics import STATISTICS, tabulate_statistic
     from sprl_bench.tables.statistics_text import render_statistic
 
     options.check_choice("statistic", statistic, ("auc", *STATISTICS))
     form = options.choose_format(form, output, FORMATS)
-    planned, statuses = options.planned_and_statuses(runs)
-    records = find_records(runs)
-    made = tabulate(
-        records,
+    found = find_runs(runs).of(suite or None)
+    made, lacking = tabulate_finished(
+        found.records,
         tasks=task or None,
         agents=agent or None,
-        planned=planned,
+        planned=found.planned,
         allow_missing=allow_missing,
-        drop_incomparable=allow_missing,
-        statuses=statuses,
+        statuses=found.statuses,
+        broken=_faults(found, allow_missing=allow_missing),
     )
+    known = {spec.suite for spec in found.planned}
+    elsewhere = [one.error for one in found.broken if one.suite not in known]
+    if not made:
+        raise MissingRunsError(" ".join([*lacking, *elsewhere]) or "There is no finished run to make a table of.")
     width = options.terminal_width(output)
     if statistic == "auc":
-        options.deliver(render(made, form, width=width), output)
-        return
-    results = [Result.of(record) for record in records if record.status == "complete"]
-    options.deliver(render_statistic(tabulate_statistic(made, results, statistic), form, width=width), output)
+        text = render(made, form, width=width)
+    else:
+        results = [Result.of(record) for record in found.records if record.status == "complete"]
+        text = render_statistic(tabulate_statistic(made, results, statistic), form, width=width)
+    options.deliver(text, output)
+    warn([*lacking, *elsewhere])
+    return 1 if lacking or (elsewhere and not allow_missing) else 0
+
+
+def _faults(found: FoundRuns, *, allow_missing: bool) -> dict[str, str]:
+    """Return why runs cannot be read, by suite."""
+    return {
+        suite: describe_broken(own) + f" {REMEDY}" * (not allow_missing)
+        for suite in {one.suite for one in found.broken if one.suite}
+        if (own := [one for one in found.broken if one.suite == suite])
+    }
 
 
 def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec], statuses: Mapping[Path, str] = NONE) -> None:

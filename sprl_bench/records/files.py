@@ -10,7 +10,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -36,6 +36,13 @@ class InvalidFileError(ValueError):
 
 
 Model = TypeVar("Model", bound=Data)
+OnBroken = Callable[[Path, Exception], None]
+"""Receives the folder of a run that cannot be read, and the error."""
+
+
+def refuse(_folder: Path, error: Exception) -> None:
+    """Raise the error: one run that cannot be read stops the reading of all."""
+    raise error
 
 
 def read(path: Path, model: type[Model]) -> Model:

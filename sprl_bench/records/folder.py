@@ -10,7 +10,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -36,18 +36,27 @@ def run_path(suite: str, task: str, agent: str, seed: int | str) -> Path:
     return Path(suite, task, agent, f"seed-{seed}")
 
 
-def find_files(root: Path, name: str) -> list[Path]:
+def _raise(error: OSError) -> None:
+    raise error
+
+
+def find_files(root: Path, name: str, on_error: Callable[[OSError], None] = _raise) -> list[Path]:
     """Return all files of a name below a folder, sorted; none if there is no such folder.
 
     Linked folders are searched too, each folder once.
 
+    Args:
+        root: The folder.
+        name: That of the files.
+        on_error: Receives the error of each folder that may not be read.
+
     Raises:
-        PermissionError: A folder may not be read.
+        PermissionError: By default, if a folder may not be read.
     """
     if not root.exists():
         return []
     found, seen = [], set[tuple[int, int]]()
-    for folder, folders, files in os.walk(root, onerror=_raise, followlinks=True):
+    for folder, folders, files in os.walk(root, onerror=on_error, followlinks=True):
         status = Path(folder).stat()
         if (status.st_dev, status.st_ino) in seen:
             folders.clear()
@@ -56,10 +65,6 @@ def find_files(root: Path, name: str) -> list[Path]:
         if name in files:
             found.append(Path(folder, name))
     return sorted(found)
-
-
-def _raise(error: OSError) -> None:
-    raise error
 
 
 def open_own(path: Path, flags: int) -> int:
@@ -136,23 +141,24 @@ def _holder(folder: Path) -> str:
     return "unknown"
 
 
-def is_locked(folder: Path) -> bool:
-    """Return whether a process works in this folder."""
+def is_locked(folder: Path) -> bool | None:
+    """Return whether a process works in this folder; None if the file may not be read, or cannot be locked."""
     try:
         descriptor = open_own(folder / LOCK, os.O_RDONLY)
-    except (FileNotFoundError, PermissionError, LinkedFileError):  # taken as not locked
+    except (FileNotFoundError, LinkedFileError):  # taken as not locked
         return False
+    except PermissionError:
+        return None
     try:
-        _flock(descriptor, fcntl.LOCK_SH)
+        return None if not _flock(descriptor, fcntl.LOCK_SH) else False
     except BlockingIOError:
         return True
     finally:
         os.close(descriptor)
-    return False
 
 
-def _flock(descriptor: int, operation: int) -> None:
-    """Lock a file without waiting; where the file system has no locks, do nothing but warn once.
+def _flock(descriptor: int, operation: int) -> bool:
+    """Lock a file without waiting; where the file system has no locks, warn once and return False.
 
     Raises:
         BlockingIOError: Another process holds the lock.
@@ -163,6 +169,8 @@ def _flock(descriptor: int, operation: int) -> None:
         if error.errno not in NO_LOCKS:
             raise
         _warn_of_no_locks()
+        return False
+    return True
 
 
 @functools.cache

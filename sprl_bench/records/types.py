@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
 
 from sprl_bench import scores
-from sprl_bench.records.files import Data, first_complaint, read
+from sprl_bench.records.files import Data, InvalidFileError, OnBroken, first_complaint, read, refuse
 from sprl_bench.records.folder import RECORD, find_files, run_path
 from sprl_bench.tasks import Suite, Task
 
@@ -347,9 +347,20 @@ def find_records(root: str | Path) -> list[RunRecord]:
     return [record for _, record in find_recorded(root)]
 
 
-def find_recorded(root: str | Path) -> list[tuple[Path, RunRecord]]:
-    """Return the folder and the record of each run that has one, as `find_records` does."""
+def find_recorded(root: str | Path, on_broken: OnBroken = refuse) -> list[tuple[Path, RunRecord]]:
+    """Return the folder and the record of each run that has one, as `find_records` does.
+
+    Args:
+        root: The folder of all runs.
+        on_broken: Receives each run that cannot be read, which is then left out; by default it raises the error.
+    """
     root = Path(root)
     if not root.exists():
         raise FileNotFoundError(f"{root} does not exist.")
-    return [(path.parent, read(path, RunRecord)) for path in find_files(root, RECORD)]
+    found = []
+    for path in find_files(root, RECORD, lambda error: on_broken(Path(error.filename), error)):
+        try:
+            found.append((path.parent, read(path, RunRecord)))
+        except (InvalidFileError, OSError) as error:
+            on_broken(path.parent, error)
+    return found

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
+from sprl_bench.records.files import OnBroken, refuse
 from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_files, is_locked
 
 TAIL_BYTES: Final = 1 << 15
 
 
-Status = Literal["finished", "running", "interrupted", "failed", "waiting"]
+Status = Literal["finished", "running", "interrupted", "failed", "waiting", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class RunState:
 
     Attributes:
         spec: Which run.
-        status: "interrupted" if it has begun and no process works on it; "waiting" if it has not begun.
+        status: "interrupted" if it has begun and no process works on it; "waiting" if it has not begun; "unknown" if
+            one may not ask whether a process works on it.
         env_steps: Taken so far.
         steps_per_second: Over the last lines of its metrics; 0 if no process works on it.
         seconds_left: At that speed; None if unknown.
@@ -41,13 +43,16 @@ class RunState:
     success: float | None = None
 
 
-def survey(out: str | Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> list[RunState]:
+def survey(
+    out: str | Path, known: Iterable[tuple[Path, RunRecord]] = (), on_broken: OnBroken = refuse
+) -> list[RunState]:
     """Return the state of every run below `out`, in the order of their paths.
 
     Args:
         out: The folder of all runs.
         known: Folders and records that are read already, as `find_recorded` returns them; finished ones are not read
             again.
+        on_broken: Receives each run that cannot be read, which is then left out; by default it raises the error.
 
     Raises:
         FileNotFoundError: There is no such folder.
@@ -56,9 +61,20 @@ def survey(out: str | Path, known: Iterable[tuple[Path, RunRecord]] = ()) -> lis
     root = _normal(Path(out))
     if not root.exists():
         raise FileNotFoundError(f"{out} does not exist.")
-    folders = {path.parent for name in (SPEC, RECORD) for path in find_files(root, name)}
     finished = {_normal(folder): record for folder, record in known if record.status == "complete"}
-    return [_finished(folder, finished[folder]) if folder in finished else _state(folder) for folder in sorted(folders)]
+    states = []
+    for folder in _folders(root, on_broken):
+        try:
+            states.append(_finished(folder, finished[folder]) if folder in finished else _state(folder))
+        except (InvalidFileError, OSError) as error:
+            on_broken(folder, error)
+    return states
+
+
+def _folders(root: Path, on_broken: OnBroken) -> list[Path]:
+    """Return the folders of all runs, in the order of their paths."""
+    found = [find_files(root, name, lambda error: on_broken(Path(error.filename), error)) for name in (SPEC, RECORD)]
+    return sorted({path.parent for paths in found for path in paths})
 
 
 def _normal(folder: Path) -> Path:
@@ -82,10 +98,12 @@ def state_of(spec: RunSpec, out: Path) -> RunState:
             return RunState(spec, "interrupted", record.totals.env_steps, 0.0, None)
     lines = _last_lines(folder / METRICS)
     env_steps, speed = _progress(lines)
-    if is_locked(folder):
+    locked = is_locked(folder)
+    if locked:
         left = max(0, spec.task.budget - env_steps) / speed if speed else None
         return RunState(spec, "running", env_steps, speed, left, *_recent(lines))
     status: Status = "failed" if (folder / ERROR).exists() else "interrupted" if env_steps else "waiting"
+    status = "unknown" if locked is None else status
     return RunState(spec, status, env_steps, 0.0, None, *_recent(lines))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from sprl_bench.tables.comparable import SCORED_PACKAGES, IncomparableError, check_comparable, version_differences
+from sprl_bench.tables.finished import tabulate_finished
 from sprl_bench.tables.render import FORMATS, render
 from sprl_bench.tables.seed_results import (
     MissingRunsError,
@@ -30,6 +31,7 @@ __all__ = [
     "select_results",
     "split_suites",
     "tabulate",
+    "tabulate_finished",
     "tabulate_results",
     "task_names",
     "version_differences",

@@ -38,7 +38,10 @@ MEASURES = ("auc", "final", "success_auc", "success_final")
 BOOTSTRAP_SEED = 20210706
 """Seeds the generator of every interval."""
 NONE: Final[Mapping[Path, str]] = MappingProxyType({})
-REMEDY = "Allow missing runs (--allow-missing) to see the others."
+REMEDY = (
+    "Allow missing runs (--allow-missing) to see the others, choose with --suite, --task or --agent, or remove the "
+    "folders of runs that are no longer wanted."
+)
 
 
 class Estimate(Data):
@@ -168,7 +171,7 @@ def tabulate(
         if task not in names:
             raise ValueError(unknown("task among these runs:", task, names))
     chosen = names if tasks is None else set(tasks)
-    lost = _lost_tables(complete, [spec for spec in wanted if tasks is None or spec.task.name in chosen])
+    lost = lost_tables(complete, [spec for spec in wanted if tasks is None or spec.task.name in chosen])
     if lost and not allow_missing:
         raise MissingRunsError(f"{lost} {REMEDY}")
     tables = [
@@ -226,7 +229,7 @@ def _of_agents(
     return own, [spec for spec in planned if spec.agent in agents]
 
 
-def _lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
+def lost_tables(results: Sequence[Result], wanted: Iterable[RunSpec]) -> str:
     """Say which tables are left out because none of their runs is finished; empty if there are none."""
     there = {table_of(result.suite, result.task.name) for result in results}
     lost = [spec for spec in wanted if table_of(spec.suite, spec.task.name) not in there]

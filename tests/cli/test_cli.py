@@ -117,7 +117,6 @@ def test_a_broken_record_is_one_line_wherever_it_is_read(capsys: Capture, runs: 
     before = sorted(tmp_path.rglob("*"))
     for words in (
         ["table", runs],
-        ["status", runs],
         ["plot", runs, "-o", tmp_path / "a.png"],
         ["leaderboard", "add", runs, "--agent", "ppo", *SCORE, "--home", tmp_path / "boards"],
     ):
@@ -135,10 +134,10 @@ def test_debug_shows_the_traceback_wherever_it_stands(capsys: Capture, tmp_path:
 
 
 def test_a_bug_of_ours_keeps_its_traceback(capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def bug(_: Path) -> None:
+    def bug(*_: object) -> None:
         raise KeyError("oops")
 
-    monkeypatch.setattr(records, "find_records", bug)
+    monkeypatch.setattr(records, "find_recorded", bug)
     with pytest.raises(KeyError):
         call(capsys, "table", tmp_path)
 

@@ -1,11 +1,19 @@
-"""Pictures of a Fetch simulation, drawn from a copy, so that drawing never changes the simulation."""
+"""Pictures of a Fetch simulation, drawn from a copy, so that drawing never changes the simulation.
+
+OpenGL draws into the context that is current, one for each thread: that of another picture if that was drawn last, or
+none if that was closed. So a picture's own context is made current for each drawing, and given back after it.
+"""
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import copy
+import functools
 import os
 import sys
+import warnings
+import weakref
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -19,6 +27,12 @@ from sprl_bench.envs.fetch.simulation import STATE
 
 _SIZE: Final = 480
 _GOAL_MARK: Final = "target0"
+_OPEN: Final[weakref.WeakSet[Picture]] = weakref.WeakSet()
+_DRAWN_BY: Final[set[int]] = set()  # the processes that have drawn: this one and those it was forked from
+
+
+class NoPictureError(RuntimeError):
+    """There is no display, or no OpenGL that works in this process."""
 
 
 class Picture:
@@ -42,12 +56,89 @@ class Picture:
         mark = self._model.site(_GOAL_MARK)
         mark.pos[:] = goal - self._model.body(int(mark.bodyid[0])).pos
         mujoco.mj_forward(self._model, self._data)
+        _refuse_forked()
+        if render_mode == "human":
+            _require_display()
         with _egl_without_a_display():
-            return self._renderer.render(render_mode)
+            try:
+                self._make_current()
+                return self._renderer.render(render_mode)
+            finally:
+                self._note()
+
+    def _make_current(self) -> None:
+        if self._renderer.viewer is not None:
+            self._renderer.viewer.make_context_current()
+
+    def _note(self) -> None:
+        """Give the context back, so that any thread can draw next, and see to it that it is released at the end."""
+        if self._renderer.viewer is not None:
+            _DRAWN_BY.add(os.getpid())
+            _OPEN.add(self)
+            _close_all_at_exit()
+            _give_back(self._renderer.viewer)
 
     def close(self) -> None:
-        """Close the window and release the graphics context."""
-        self._renderer.close()  # type: ignore[no-untyped-call]  # upstream is untyped
+        """Close the window and release the graphics context; those of other pictures stay."""
+        viewer = self._renderer.viewer
+        _OPEN.discard(self)
+        if viewer is None or os.getpid() not in _DRAWN_BY:
+            return
+        viewer.make_context_current()
+        viewer.con.free()
+        viewer.free()
+        self._renderer.viewer = None
+        self._renderer._viewers.clear()
+
+
+def _give_back(viewer: Any) -> None:
+    """Let no context be current in this thread."""
+    backend = getattr(viewer, "backend", "glfw")
+    if backend == "egl":
+        from mujoco import egl  # noqa: PLC0415 - there is no EGL on every machine
+
+        egl.EGL.eglMakeCurrent(egl.EGL_DISPLAY, *[egl.EGL.EGL_NO_SURFACE] * 2, egl.EGL.EGL_NO_CONTEXT)
+    elif backend == "glfw":
+        import glfw  # noqa: PLC0415 - needed with a display only
+
+        glfw.make_context_current(None)
+
+
+@functools.cache
+def _close_all_at_exit() -> None:
+    """Release all contexts before the libraries that made them; what is registered last is called first."""
+    atexit.register(lambda: [picture.close() for picture in list(_OPEN)])
+
+
+def _refuse_forked() -> None:
+    """Refuse to draw where OpenGL would wait for ever: in a process that was forked after a drawing.
+
+    Raises:
+        NoPictureError: This is such a process.
+    """
+    if _DRAWN_BY and os.getpid() not in _DRAWN_BY:
+        raise NoPictureError(
+            "This process was forked from one that has drawn pictures, which OpenGL does not survive; it must be "
+            'spawned, as by AsyncVectorEnv(..., context="spawn"), or only one of the two may draw.'
+        )
+
+
+def _require_display() -> None:
+    """Refuse to open a window where there is no screen; GLFW would end the process.
+
+    Raises:
+        NoPictureError: There is no screen.
+    """
+    import glfw  # noqa: PLC0415 - needed for windows only
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the error says all
+        there = glfw.init() and glfw.get_primary_monitor()
+    if not there:
+        raise NoPictureError(
+            "render_mode is 'human', but there is no display; it must be 'rgb_array', or a display must be named by "
+            "DISPLAY, as `xvfb-run` does."
+        )
 
 
 @contextlib.contextmanager

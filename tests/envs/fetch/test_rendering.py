@@ -10,6 +10,8 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -141,3 +143,116 @@ def test_a_video_is_recorded(tmp_path: Any) -> None:
         pass
     env.close()
     assert len(list(tmp_path.glob("new/*.mp4"))) == 1
+
+
+# --------------------------------------------------------------------------- several pictures in one process
+
+
+def test_closing_one_environment_leaves_the_pictures_of_others() -> None:
+    one, other, third = (make(task) for task in ("Reach", "Reach", "Push"))
+    for env in (one, other, third):
+        env.reset(seed=0)
+    before = other.render()
+    assert np.array_equal(one.render(), before)
+    pushed = third.render()
+    one.close()
+    assert np.array_equal(other.render(), before)
+    third.close()
+    assert np.array_equal(other.render(), before)
+    again = make("Push")
+    again.reset(seed=0)
+    assert np.array_equal(again.render(), pushed)
+    assert np.array_equal(other.render(), before)
+    again.close()
+    other.close()
+
+
+def test_another_thread_draws_the_same() -> None:
+    env = make("Reach")
+    env.reset(seed=0)
+    before = env.render()
+    with ThreadPoolExecutor(2) as threads:
+        drawn = [threads.submit(env.render).result() for _ in range(4)]
+    assert all(np.array_equal(picture, before) for picture in [*drawn, env.render()])
+    env.close()
+
+
+def test_a_closed_environment_draws_again_after_a_reset() -> None:
+    env = make("Reach")
+    env.reset(seed=0)
+    before = env.render()
+    env.close()
+    env.reset(seed=0)
+    assert np.array_equal(env.render(), before)
+    env.close()
+
+
+def printed(code: str, **changes: str | None) -> subprocess.CompletedProcess[str]:
+    """Run a script in a process of its own; None removes a variable of the environment."""
+    variables = {**os.environ, **changes}
+    environment = {name: value for name, value in variables.items() if value is not None}
+    command = [sys.executable, "-W", "ignore", "-c", "import gymnasium, sprl_bench\n" + code]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False, timeout=120)
+
+
+def test_an_open_picture_does_not_disturb_the_end_of_the_process() -> None:
+    code = (
+        "envs = [gymnasium.make('SPRL/FetchReachSparse-v1', render_mode='rgb_array') for _ in range(2)]\n"
+        "for env in envs: env.reset(seed=0); env.render()\n"
+    )
+    done = printed(code)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+
+
+@pytest.mark.parametrize("display", [None, ":77", "nowhere:1"])
+def test_a_window_without_a_display_is_an_error_that_loses_nothing(display: str | None, tmp_path: Path) -> None:
+    code = f"""
+env = sprl_bench.record(gymnasium.make("SPRL/FourRooms-7x7-v1"), out={str(tmp_path)!r}, agent="mine", seed=0)
+env.reset(seed=0)
+for _ in range(50): env.step(0)
+gymnasium.make("SPRL/FetchReachSparse-v1", render_mode="human").reset()
+"""
+    done = printed(code, DISPLAY=display, WAYLAND_DISPLAY=None, MUJOCO_GL=None)
+    assert done.returncode == 1
+    assert "NoPictureError: render_mode is 'human', but there is no display; it must be 'rgb_array'" in done.stderr
+    [record] = sprl_bench.find_records(tmp_path)
+    assert (record.status, record.totals.env_steps) == ("incomplete", 50)
+
+
+FORKED = """
+import multiprocessing, os
+from gymnasium.vector import AsyncVectorEnv
+def made():
+    env = gymnasium.make("SPRL/FetchReachSparse-v1", render_mode="rgb_array")
+    env.reset(seed=0)
+    return env
+env = made()
+if DRAWS: env.render()
+def draw():
+    try:
+        print(made().render().shape, flush=True)
+    except RuntimeError as error:
+        print(error, flush=True)
+"""
+
+
+BY_FORK = "os._exit(draw() or 0) if os.fork() == 0 else os.wait()"
+BY_PROCESS = "child = multiprocessing.get_context('fork').Process(target=draw); child.start(); child.join()"
+BY_VECTOR = "try: AsyncVectorEnv([made], context='fork').render()\nexcept Exception as error: print(error)"
+
+
+@pytest.mark.parametrize(
+    ("draws", "how", "expected"),
+    [
+        (True, BY_PROCESS, "refused"),
+        (True, BY_FORK, "refused"),
+        (False, BY_FORK, "(480, 480, 3)"),
+        (True, BY_VECTOR, "refused"),
+    ],
+)
+def test_a_forked_process_does_not_hang(draws: bool, how: str, expected: str) -> None:
+    done = printed(FORKED.replace("DRAWS", str(draws)) + how)
+    wanted = "This process was forked from one that has drawn pictures" if expected == "refused" else expected
+    assert wanted in done.stdout, done.stderr
