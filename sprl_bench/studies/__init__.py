@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sprl_bench.studies.page import STEMS, write_study
 from sprl_bench.studies.rows import STUDIES, find_study
-from sprl_bench.studies.study import Evidence, Study, evidence_of, missing_runs, specs_of
+from sprl_bench.studies.study import Evidence, Study, evidence_of, evidence_of_entries, missing_runs, specs_of
 from sprl_bench.studies.verdicts import Outcome, Verdict
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "Study",
     "Verdict",
     "evidence_of",
+    "evidence_of_entries",
     "find_study",
     "missing_runs",
     "specs_of",

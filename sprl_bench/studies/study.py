@@ -15,7 +15,7 @@ from sprl_bench.scores import Array
 from sprl_bench.studies.verdicts import Verdict
 from sprl_bench.suggestions import unknown
 from sprl_bench.suite import expand, hyperparameters_of, plainest
-from sprl_bench.tables import Result, select_results
+from sprl_bench.tables import Result, check_comparable, select_results, split_suites
 from sprl_bench.tasks import find_suite
 
 Logged = tuple[RunSpec, Sequence[Mapping[str, Any]]]
@@ -172,6 +172,21 @@ def evidence_of(specs: Iterable[RunSpec], root: Path) -> Evidence:
     names = {spec.task.name: _plain(spec) for spec in (record.spec for record in records)}
     folders = tuple(record.spec.path(root) for record in records)
     return Evidence(tuple(select_results(records)) if records else (), tuple(logged), names, folders)
+
+
+def evidence_of_entries(specs: Iterable[RunSpec], results: Iterable[Result]) -> Evidence:
+    """Return the evidence that a leaderboard has: its seeds of these agents on these tasks, by its own budgets.
+
+    Entries hold no diagnostics, so a study of a metric finds nothing to judge.
+
+    Raises:
+        IncomparableError: The results are not comparable.
+    """
+    wanted = {(spec.agent, _plain(spec)) for spec in specs}
+    chosen = [result for result in results if (result.agent, result.task.name) in wanted]
+    for group in split_suites(chosen):
+        check_comparable(group)
+    return Evidence(tuple(chosen))
 
 
 def missing_runs(specs: Iterable[RunSpec], evidence: Evidence) -> list[str]:

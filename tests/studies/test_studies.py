@@ -11,10 +11,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from cli_calls import Capture, call
-from sprl_bench import executors, studies
+from sprl_bench import executors, leaderboard, studies
 from sprl_bench.records import RunRecord, RunSpec, write
 from sprl_bench.records.folder import METRICS, RECORD
 from sprl_bench.studies import STUDIES, Evidence, Study
@@ -210,6 +211,30 @@ def test_what_is_there_is_judged_and_the_rest_is_named(
     assert "**Missing.** 8 runs" in (tmp_path / "out" / "fig21.md").read_text()
     status, printed, err = call(capsys, "reproduce", "fig21", "--runs", tmp_path / "nowhere", "--out", tmp_path)
     assert (status, "nowhere does not exist" in err) == (1, True)
+
+
+def test_a_board_is_judged_by_its_entries(capsys: Capture, tmp_path: Path) -> None:
+    """The figures are those of the board; what it lacks is named, and nothing is trained."""
+    status, printed, err = call(capsys, "reproduce", "fig21", "--board", "grid-7x7", "--out", tmp_path)
+    assert (status, "20 of 40 runs are missing" in err) == (0, True)
+    entries = {entry.agent: entry.results() for entry in leaderboard.find_board("grid-7x7")}
+    for task in ("FourRooms-7x7", "KeyDoors-7x7"):
+        learned, exact = (
+            np.mean([one.scores.auc for one in entries[agent] if one.task.name == task])
+            for agent in ("sprl@tuned", "gt-sprl@tuned")
+        )
+        assert f"learned minus exact on {task}: {learned - exact:+.3f}" in printed
+    assert not list(tmp_path.rglob(RECORD))
+    for words, message in (
+        (
+            ["fig10", "--board", "grid-7x7"],
+            "it must be one with entries that the study asks for, such as sprl@ablation",
+        ),
+        (["fig21", "--board", "grid-7x7", "--runs", tmp_path], "board is 'grid-7x7'; it must be left out where --runs"),
+        (["fig21", "--board", "grid-9x9"], "Unknown entry or board 'grid-9x9'"),
+    ):
+        status, _, err = call(capsys, "reproduce", *words, "--out", tmp_path / "out")
+        assert (status != 0, message in err) == (True, True), err
 
 
 def test_runs_of_something_else_are_not_judged(capsys: Capture, make_record: MakeRecord, tmp_path: Path) -> None:
