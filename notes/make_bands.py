@@ -16,7 +16,7 @@ from collections import defaultdict
 
 from sprl_bench.known_answers.bands import FILE, figures_of
 from sprl_bench.known_answers.check import BAND_SEEDS, SUITE
-from sprl_bench.known_answers.probes import KNOWN
+from sprl_bench.known_answers.probe_envs import KNOWN
 from sprl_bench.records import RunRecord, find_records
 
 DIGITS = 4

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from sprl_bench.known_answers.bands import FIFTHS, FIGURES, Band, band_of, figures_of, published_figures
-from sprl_bench.known_answers.probes import KNOWN, register
+from sprl_bench.known_answers.probe_envs import KNOWN, register
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.run import run
 from sprl_bench.scores import Array

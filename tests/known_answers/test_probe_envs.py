@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from sprl_bench.known_answers.probes import DELAY, GRID, KNOWN, register
+from sprl_bench.known_answers.probe_envs import DELAY, GRID, KNOWN, register
 
 ANY, DELAYED, OBSERVATION = KNOWN
 
