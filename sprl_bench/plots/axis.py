@@ -10,17 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sprl_bench import scores
-from sprl_bench.plots.style import (
-    LEGEND_ROW,
-    PANEL,
-    SAMPLE,
-    Look,
-    check_suffix,
-    draw_legend,
-    inches,
-    looks_of,
-    save,
-)
+from sprl_bench.plots.sheet import check_width, lay_out
+from sprl_bench.plots.style import Look, check_suffix, draw_caption, draw_grid, draw_legend, looks_of, save
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import BOOTSTRAP_SEED, Result
 
@@ -90,27 +81,30 @@ def _order(value: Any) -> tuple[bool, Any]:
     return isinstance(value, str), value
 
 
-def plot_axis(results: Sequence[Result], output: Path, axis: str, default: Any = None) -> None:
+def plot_axis(
+    results: Sequence[Result], output: Path, axis: str, default: Any = None, *, width: str | None = None
+) -> None:
     """Draw the AUC against an axis into a .png, .svg or .pdf file, one panel a task, one line an agent.
 
-    The arguments and errors are those of `points_of`, and a suffix that is not allowed.
+    The arguments and errors are those of `points_of`, and a suffix or a width (one of `WIDTHS`) that is not allowed.
     """
     check_suffix(output)
+    check_width(width)
     points = points_of(results, axis, default)
-    save(lambda: draw_axis(points, axis), output)
+    save(lambda: draw_axis(points, axis, width=width), output, width=width)
 
 
-def draw_axis(points: Sequence[Point], axis: str) -> Figure:
+def draw_axis(points: Sequence[Point], axis: str, *, width: str | None = None) -> Figure:
     """Return a figure of these points: means with their 95 % intervals, and a dot for each seed."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     panels = sorted({point.panel for point in points})
     looks = looks_of(point.agent for point in points)
-    width = max(len(panels) * PANEL[0], max(map(inches, looks)) + SAMPLE)
-    figure = Figure(figsize=(width, PANEL[1] + LEGEND_ROW * len(looks) + 0.2), layout="constrained")
+    sheet = lay_out((len(panels), len(panels)), list(looks), list(looks), width)
+    figure = Figure(figsize=sheet.size, layout="constrained")
     values = sorted({point.value for point in points}, key=_order)
     places = _places(values)
-    for axes, panel in zip(figure.subplots(1, len(panels), squeeze=False)[0], panels, strict=True):
+    for axes, panel in zip(figure.subplots(sheet.rows, sheet.columns, squeeze=False).flat, panels, strict=False):
         for agent, look in looks.items():
             _draw_line(axes, [point for point in points if (point.panel, point.agent) == (panel, agent)], places, look)
         axes.set_title(panel)
@@ -118,11 +112,12 @@ def draw_axis(points: Sequence[Point], axis: str) -> Figure:
         axes.set_xscale("log" if _is_wide(values) else "linear")
         axes.set_xticks(list(places.values()), [str(value) for value in places], minor=False)
         axes.minorticks_off()
-        axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-        axes.set_axisbelow(True)
+        draw_grid(axes)
     figure.axes[0].set_ylabel("AUC")
-    figure.supxlabel("Mean over seeds with 95 % bootstrap intervals; dots are seeds.", fontsize=7, color="#555555")
-    draw_legend(figure, list(looks.values()), list(looks), max(1, int(width / (max(map(inches, looks)) + SAMPLE))))
+    for axes in figure.axes[len(panels) :]:
+        axes.set_visible(False)
+    draw_caption(figure, "Mean over seeds with 95 % bootstrap intervals; dots are seeds.")
+    draw_legend(figure, list(looks.values()), sheet.names, sheet.abreast)
     return figure
 
 

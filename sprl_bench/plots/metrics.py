@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sprl_bench.plots.sheet import check_width, lay_out
 from sprl_bench.plots.style import (
-    LEGEND_ROW,
-    PANEL,
-    SAMPLE,
     Look,
     check_suffix,
+    draw_caption,
+    draw_grid,
     draw_legend,
     draw_runs,
-    inches,
     looks_of,
     save,
     short_number,
@@ -40,6 +39,7 @@ def plot_metrics(
     *,
     tasks: Collection[str] | None = None,
     agents: Collection[str] | None = None,
+    width: str | None = None,
 ) -> None:
     """Draw metrics of runs, finished or not, into a .png, .svg or .pdf file; the same lines give the same bytes.
 
@@ -52,11 +52,13 @@ def plot_metrics(
         metrics: Names of what the agents log, such as "success" or "reachability_accuracy".
         tasks: Only these.
         agents: Only these.
+        width: One of `WIDTHS`; None for one that the panels need.
 
     Raises:
         ValueError: There is no such metric, task, agent or suffix, or no run.
     """
     check_suffix(output)
+    check_width(width)
     chosen = [run for run in runs if _is_in(run[0].task.name, tasks) and _is_in(run[0].agent, agents)]
     for kind, wanted, there in (
         ("task", tasks, {spec.task.name for spec, _ in runs}),
@@ -68,41 +70,47 @@ def plot_metrics(
                 raise ValueError(unknown(f"{kind} among these runs:", name, there))
     if not chosen or not metrics:
         raise ValueError("There is no run or no metric to draw.")
-    save(lambda: draw_metrics(chosen, metrics), output)
+    save(lambda: draw_metrics(chosen, metrics, width=width), output, width=width)
 
 
 def _is_in(name: str, wanted: Collection[str] | None) -> bool:
     return wanted is None or name in wanted
 
 
-def draw_metrics(runs: Sequence[Logged], metrics: Sequence[str]) -> Figure:
-    """Return a figure with a row for each metric and a column for each task."""
+def draw_metrics(runs: Sequence[Logged], metrics: Sequence[str], *, width: str | None = None) -> Figure:
+    """Return a figure with a panel for each metric and task; tasks stand beside one another where there is room.
+
+    Args:
+        runs: Specs and lines of diagnostics.
+        metrics: Names of what the agents log.
+        width: One of `WIDTHS`; None for one that the panels need.
+    """
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     tasks = sorted({spec.task.name for spec, _ in runs})
     looks = looks_of(spec.agent for spec, _ in runs)
     names = [f"{agent} ({len({spec.seed for spec, _ in runs if spec.agent == agent})} seeds)" for agent in looks]
-    longest = max(map(inches, names)) + SAMPLE
-    width = max(len(tasks) * PANEL[0], longest)
-    abreast = int(width / longest)
-    height = len(metrics) * PANEL[1] + LEGEND_ROW * -(-len(names) // abreast) + 0.2
-    figure = Figure(figsize=(width, height), layout="constrained")
-    grid = figure.subplots(len(metrics), len(tasks), squeeze=False, sharex="col")
-    for row, metric in zip(grid, metrics, strict=True):
-        row[0].set_ylabel(metric)
-        for axes, task in zip(row, tasks, strict=True):
-            for agent, look in looks.items():
-                its = [run for run in runs if (run[0].task.name, run[0].agent) == (task, agent)]
-                _draw_agent(axes, [binned(*run, metric) for run in its], look)
-            axes.xaxis.set_major_formatter(short_number)
-            axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-            axes.set_axisbelow(True)
-    for axes, task in zip(grid[0], tasks, strict=True):
-        axes.set_title(task)
-    for axes in grid[-1]:
-        axes.set_xlabel("Environment steps")
-    figure.supxlabel("Mean over seeds; thin lines are single runs.", fontsize=7, color="#555555")
-    draw_legend(figure, list(looks.values()), names, abreast)
+    abreast = lay_out((len(tasks), len(tasks)), names, list(looks), width).columns
+    panels = [(metric, task) for metric in metrics for task in tasks]
+    if abreast < len(tasks):  # a task's metrics below one another
+        abreast, panels = 1, [(metric, task) for task in tasks for metric in metrics]
+    sheet = lay_out((len(panels), abreast), names, list(looks), width)
+    figure = Figure(figsize=sheet.size, layout="constrained")
+    grid = figure.subplots(sheet.rows, sheet.columns, squeeze=False, sharex="col" if abreast == len(tasks) else False)
+    for (metric, task), axes in zip(panels, grid.flat, strict=True):
+        for agent, look in looks.items():
+            its = [run for run in runs if (run[0].task.name, run[0].agent) == (task, agent)]
+            _draw_agent(axes, [binned(*run, metric) for run in its], look)
+        axes.xaxis.set_major_formatter(short_number)
+        draw_grid(axes)
+        if metric == metrics[0]:
+            axes.set_title(task)
+        if metric == metrics[-1]:
+            axes.set_xlabel("Environment steps")
+        if abreast == 1 or task == tasks[0]:
+            axes.set_ylabel(metric)
+    draw_caption(figure, "Mean over seeds; thin lines are single runs.")
+    draw_legend(figure, list(looks.values()), sheet.names, sheet.abreast)
     return figure
 
 

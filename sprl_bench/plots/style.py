@@ -7,6 +7,7 @@ follow. An agent has the same colour in every picture. matplotlib is loaded when
 from __future__ import annotations
 
 import io
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +38,6 @@ Dashes = Literal["-", "--", ":", "-."]
 DASHES: Final[tuple[Dashes, ...]] = ("-", "--", ":", "-.")
 COLUMNS = 4
 PANEL = (3.4, 2.7)  # inches
-TITLE_LETTERS = 44  # of a line above a panel
 SAMPLE = 0.7  # inches, of the line before a name in the legend and the space around both
 LEGEND_ROW = 0.19  # inches
 UNDATED: Mapping[str, Mapping[str, None]] = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}, ".png": {}}
@@ -72,14 +72,23 @@ def check_suffix(output: Path) -> None:
         raise ValueError(unknown("suffix of a picture:", output.suffix, SUFFIXES))
 
 
-def save(draw: Callable[[], Figure], output: Path) -> None:
+PAPER: Final[Any] = {**STYLE, "axes.titlesize": 8, "axes.titlepad": 3, "font.size": 7, "lines.markersize": 3}
+"""As `STYLE`, for a figure as wide as a column or a page."""
+
+
+def save(draw: Callable[[], Figure], output: Path, *, width: str | None = None) -> None:
     """Write the figure that `draw` returns to a file; the same figure gives the same bytes.
+
+    Args:
+        draw: Returns the figure; called with `PAPER` if there is a width, else with `STYLE`.
+        output: A .png, .svg or .pdf file.
+        width: One of `sprl_bench.plots.WIDTHS`.
 
     Raises:
         ModuleNotFoundError: matplotlib, of the extra `plots`, is not installed.
     """
     suffix = output.suffix.lower()
-    with require_extra("matplotlib").rc_context(STYLE):
+    with require_extra("matplotlib").rc_context(PAPER if width else STYLE):
         buffer = io.BytesIO()
         draw().savefig(buffer, format=suffix[1:], dpi=200, metadata=dict(UNDATED[suffix]))
     write_bytes(output, buffer.getvalue())
@@ -135,6 +144,25 @@ def inches(text: str) -> float:
 
     points = float(TextPath((0, 0), text, size=rcParams["font.size"]).get_extents().width)
     return 1.05 * points / 72  # letters are drawn on whole pixels, a little wider than their outlines
+
+
+def draw_grid(axes: Axes) -> None:
+    """Draw thin lines behind the data."""
+    axes.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def draw_caption(figure: Figure, text: str) -> None:
+    """Say below all panels what lines and bands are."""
+    letters = int(17 * figure.get_figwidth())
+    figure.supxlabel(textwrap.fill(text, letters), fontsize=_caption_size(), color="#555555")
+
+
+def _caption_size() -> float:
+    """Return points, a little less than those of other text."""
+    from matplotlib import rcParams  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    return min(7.0, float(rcParams["font.size"]) - 1)
 
 
 def draw_legend(figure: Figure, looks: Sequence[Look], names: Sequence[str], columns: int) -> None:

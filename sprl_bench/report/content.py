@@ -14,13 +14,13 @@ from sprl_bench.report.series import (
     curves_of,
     estimates_of,
     improvements_of,
-    matrices_of,
     metrics_of,
     profiles_of,
     seeds_of,
 )
 from sprl_bench.report.source import Origin, Progress, Source
 from sprl_bench.tables import IncomparableError, Result, Table, split_suites, tabulate_results
+from sprl_bench.tables.aggregates import matrices_of
 from sprl_bench.tables.render import DASH, footnotes, interval_text, marked
 from sprl_bench.tables.seed_results import table_of
 from sprl_bench.tables.table import Estimate, Row

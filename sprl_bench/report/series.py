@@ -15,10 +15,10 @@ from sprl_bench.plots.metrics import CLOCK, binned
 from sprl_bench.records import RunSpec
 from sprl_bench.report.source import Logged
 from sprl_bench.tables import BOOTSTRAP_SEED, Result, Table
+from sprl_bench.tables.aggregates import Improvement, improvement_of, profile_of
 from sprl_bench.tables.table import MEASURES, Estimate
 
 Numbers = list[float | None]
-THRESHOLDS: Final = 51
 MOST_NUMBERS: Final = 250_000
 """Of logged metrics in a page; where there are more, means over seeds are shown, in fewer bins."""
 
@@ -86,46 +86,20 @@ def _estimate(agent: str, task: int, measure: str, value: Estimate | None) -> di
     }
 
 
-def matrices_of(results: Sequence[Result], table: Table) -> dict[str, scores.Array]:
-    """Return the AUCs of each agent, [S, T], over the seeds that it has on every task; agents without one are left out.
-
-    AUCs are shares of their task's score range.
-    """
-    found = {(result.agent, result.task.name, result.seed): _share(result) for result in results}
-    return {
-        row.agent: np.asarray([[found[row.agent, task, seed] for task in table.tasks] for seed in row.seeds])
-        for row in table.rows
-        if row.seeds
-    }
-
-
-def _share(result: Result) -> float:
-    low, high = result.task.score_range
-    return (result.scores.auc - low) / (high - low)
-
-
 def improvements_of(matrices: Mapping[str, scores.Array]) -> list[list[Any]]:
     """Return [agent, reference, probability of improvement, low, high] for every pair of agents."""
-    return [line for pair in combinations(matrices, 2) for line in _improvements(*pair, matrices)]
+    return [line for pair in combinations(matrices, 2) for line in _improvements(improvement_of(*pair, matrices))]
 
 
-def _improvements(agent: str, other: str, matrices: Mapping[str, scores.Array]) -> Iterator[list[Any]]:
-    """Yield a pair's line and that of the opposite direction, whose probability is the rest."""
-    ours, theirs = matrices[agent], matrices[other]
-    value = scores.probability_of_improvement(ours, theirs)
-    interval = scores.improvement_interval(ours, theirs, np.random.default_rng(BOOTSTRAP_SEED))
-    low, high = interval or (math.nan, math.nan)
-    yield [agent, other, *rounded((value, low, high), 4)]
-    yield [other, agent, *rounded((1 - value, 1 - high, 1 - low), 4)]
+def _improvements(found: Improvement) -> Iterator[list[Any]]:
+    """Yield a pair's line and that of the opposite direction."""
+    for one in (found, found.opposite):
+        yield [one.agent, one.reference, *rounded((one.value, *(one.interval or (math.nan, math.nan))), 4)]
 
 
 def profiles_of(matrices: Mapping[str, scores.Array]) -> list[dict[str, Any]]:
     """Return the performance profile of each agent: the share of runs above each threshold."""
-    thresholds = np.linspace(0, 1, THRESHOLDS)
-    return [
-        {"agent": agent, "mean": rounded(scores.performance_profile(matrix, thresholds), 4)}
-        for agent, matrix in matrices.items()
-    ]
+    return [{"agent": agent, "mean": rounded(profile_of(matrix)[1], 4)} for agent, matrix in matrices.items()]
 
 
 def metrics_of(logged: Sequence[Logged]) -> dict[str, Any]:

@@ -1,0 +1,134 @@
+"""Whole suites: performance profiles, and the probability that one agent improves on the others.
+
+The numbers are those of the report and of `sprl_bench.tables.aggregates`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from sprl_bench import scores
+from sprl_bench.plots.sheet import check_width, lay_out
+from sprl_bench.plots.style import Look, check_suffix, draw_caption, draw_grid, draw_legend, looks_of, save
+from sprl_bench.records import RunRecord, RunSpec
+from sprl_bench.suggestions import unknown
+from sprl_bench.tables import Result, tabulate
+from sprl_bench.tables.aggregates import Improvement, improvement_of, matrices_of, profile_of
+
+if TYPE_CHECKING:  # the extra `plots`
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Matrices = Mapping[str, Mapping[str, scores.Array]]
+"""AUCs [S, T] as shares of the score range, by suite and agent."""
+ROW = 0.22  # inches, of an agent
+
+
+def suite_matrices(
+    records: Iterable[RunRecord],
+    *,
+    tasks: Sequence[str] | None = None,
+    agents: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
+) -> Matrices:
+    """Return the scores that the pictures of this file show; arguments and errors are those of `tabulate`.
+
+    An agent is there if it has a seed on every task of the suite.
+    """
+    everything = list(records)
+    tables = tabulate(everything, tasks=tasks, agents=agents, planned=planned, allow_missing=allow_missing)
+    results = [Result.of(record) for record in everything if record.status == "complete"]
+    return {
+        table.suite: matrices_of([result for result in results if result.suite == table.suite], table)
+        for table in tables
+    }
+
+
+def plot_suites(matrices: Matrices, output: Path, kind: str, *, width: str | None = None) -> None:
+    """Draw one panel a suite into a .png, .svg or .pdf file.
+
+    Args:
+        matrices: See `suite_matrices`.
+        output: The file.
+        kind: One of `KINDS`.
+        width: One of `WIDTHS`; None for one that the panels need.
+
+    Raises:
+        ValueError: The kind, the width or the suffix is not allowed, or there are too few agents.
+    """
+    check_suffix(output)
+    check_width(width)
+    if kind not in KINDS:
+        raise ValueError(unknown("kind", kind, KINDS))
+    least = min(map(len, matrices.values()), default=0)
+    if least < LEAST[kind]:
+        raise ValueError(f"kind is {kind!r}; it must be of {LEAST[kind]} or more agents with runs of every task.")
+    save(lambda: KINDS[kind](matrices, width=width), output, width=width)
+
+
+def draw_profiles(matrices: Matrices, *, width: str | None = None) -> Figure:
+    """Return a figure of the share of runs that score more than each threshold; the higher, the better."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    looks = _looks(matrices)
+    sheet = lay_out((len(matrices), len(matrices)), list(looks), list(looks), width)
+    figure = Figure(figsize=sheet.size, layout="constrained")
+    for axes, (suite, agents) in zip(_panels(figure, sheet.rows, sheet.columns), matrices.items(), strict=False):
+        for agent, matrix in agents.items():
+            axes.plot(*profile_of(matrix), color=looks[agent].colour, linestyle=looks[agent].dashes, linewidth=1.6)
+        axes.set(title=suite, xlabel="AUC, share of the score range", xlim=(0, 1), ylim=(-0.02, 1.02))
+        draw_grid(axes)
+    figure.axes[0].set_ylabel("Share of runs above")
+    draw_caption(figure, "Share of all runs, each task with the same weight.")
+    draw_legend(figure, list(looks.values()), sheet.names, sheet.abreast)
+    return figure
+
+
+def draw_improvement(matrices: Matrices, *, width: str | None = None) -> Figure:
+    """Return a figure of how probably a run of the best agent scores higher than a run of each other one."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
+
+    looks = _looks(matrices)
+    sheet = lay_out((len(matrices), len(matrices)), list(looks), list(looks), width)
+    height = sheet.rows * (ROW * max(map(len, matrices.values())) + 0.8) + 0.2
+    figure = Figure(figsize=(sheet.size[0], height), layout="constrained")
+    for axes, (suite, agents) in zip(_panels(figure, sheet.rows, sheet.columns), matrices.items(), strict=False):
+        best = max(agents, key=lambda agent: float(scores.mean(agents[agent])))
+        _draw_improvements(axes, [improvement_of(best, other, agents) for other in agents if other != best], looks)
+        axes.set(title=suite, xlabel=f"P({best} > agent)", xlim=(-0.02, 1.02))
+    draw_caption(figure, "Probability of improvement with 95 % bootstrap intervals.")
+    return figure
+
+
+def _looks(matrices: Matrices) -> dict[str, Look]:
+    return looks_of(agent for agents in matrices.values() for agent in agents)
+
+
+def _panels(figure: Figure, rows: int, columns: int) -> Sequence[Axes]:
+    """Return the panels of a figure."""
+    return list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
+def _draw_improvements(axes: Axes, found: Sequence[Improvement], looks: Mapping[str, Look]) -> None:
+    """Draw a point with its interval for each agent, the least beaten at the top."""
+    ordered = sorted(found, key=lambda one: (-one.value, one.reference))
+    for place, one in enumerate(ordered):
+        colour = looks[one.reference].colour
+        axes.plot([one.value], [place], "o", color=colour, markersize=4)
+        if one.interval is not None:
+            axes.hlines(place, *one.interval, color=colour, linewidth=1.6)
+    axes.axvline(0.5, color="#555555", linewidth=0.8, linestyle="--")
+    axes.set_yticks(range(len(ordered)), [one.reference for one in ordered])
+    axes.set_ylim(-0.6, len(ordered) - 0.4)
+    draw_grid(axes)
+
+
+KINDS: Final[Mapping[str, Callable[..., Figure]]] = MappingProxyType(
+    {"profiles": draw_profiles, "improvement": draw_improvement}
+)
+LEAST: Final = MappingProxyType({"profiles": 1, "improvement": 2})
+"""How many agents a picture needs."""
