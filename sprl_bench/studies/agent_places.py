@@ -11,15 +11,15 @@ from sprl_bench.scores import Array
 
 Place = tuple[int, int]
 
-STEP: Final = 4
-"""Pixels that an agent walks on an Atari screen during one action; also the side of a place there."""
+STEP: Final = 3
+"""Pixels along a side of a place on an Atari screen: about what a walking agent moves during one action."""
 _MONTEZUMA: Final = "SPRL/MontezumaRevenge-v1"
 _ROOM, _X, _Y = 0x83, 0xAA, 0xAB  # addresses in the console's memory, which begins at 0x80
 _BOTTOM: Final = 318  # the height that the console counts is 0 in this row of the screen
 
 
 def place_of(env: Any, observation: Any, info: Mapping[str, Any]) -> Place:
-    """Return the agent's place (x, y): a cell on grids, 2 cm wide on Fetch, four pixels of an Atari screen."""
+    """Return the agent's place (x, y): a cell on grids, 2 cm wide on Fetch, `STEP` pixels wide on a screen."""
     if has_screen(env):
         x, y = _memory(env, _X), _BOTTOM - _memory(env, _Y)
         return x // STEP, y // STEP

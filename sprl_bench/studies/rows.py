@@ -249,7 +249,7 @@ _ROWS = (
         judge=lambda evidence, _agents: judge_walks(evidence.folders),
         draw=_draw_walks,
         decisions="As fig22, in the first room: a walk ends where the agent leaves it. The paper shows Room 6, for "
-        "which an agent has to be good. Positions are read from the console's memory, in steps of four pixels.",
+        "which an agent has to be good. Positions are read from the console's memory, in steps of three pixels.",
     ),
     Study(
         name="sec6.6",

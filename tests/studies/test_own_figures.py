@@ -16,7 +16,7 @@ from sprl_bench.records import read
 from sprl_bench.records.folder import RECORD, SPEC, WEIGHTS
 from sprl_bench.records.types import RunSpec
 from sprl_bench.studies import reduction, trajectories
-from sprl_bench.studies.agent_places import place_of, room_of, screen_of
+from sprl_bench.studies.agent_places import STEP, place_of, room_of, screen_of
 from sprl_bench.studies.trajectories import Walk, judge_walks, split, walks_of
 
 
@@ -102,7 +102,7 @@ def test_walks_in_montezumas_revenge_are_drawn_on_its_screen(
     walks = walks_of(folder)
     assert walks
     assert all(6 <= len(one.positions) <= 13 for one in walks)
-    assert all(one.positions[0].tolist() == [77 // 4, 83 // 4] for one in walks)  # on the first platform
+    assert all(one.positions[0].tolist() == [77 // STEP, 83 // STEP] for one in walks)  # on the first platform
     background = trajectories._background(folder)
     assert background is not None
     assert background.shape == (210, 160)
@@ -120,7 +120,7 @@ def test_visits_are_drawn_where_they_were() -> None:
     assert screen.get_extent() == [0, 160, 210, 0]
     left, right, bottom, top = visits.get_extent()
     counts = visits.get_array()
-    assert (right - left) / counts.shape[1] == (bottom - top) / counts.shape[0] == 4
+    assert (right - left) / counts.shape[1] == (bottom - top) / counts.shape[0] == STEP
     assert {(x, y): counts[y, x] for y, x in np.argwhere(counts.filled(0))} == {(3, 5): 1, (4, 5): 2}
 
 
@@ -136,19 +136,19 @@ def test_a_place_in_montezumas_revenge_is_where_the_screen_shows_the_agent() -> 
         return place_of(env, observation, info), screen_of(env)
 
     def changed(before: np.ndarray, after: np.ndarray, place: tuple[int, int]) -> int:
-        x, y = (4 * one + 2 for one in place)
+        x, y = (STEP * one + 1 for one in place)
         around = slice(y - 8, y + 8), slice(x - 4, x + 4)
         return int((before[around] != after[around]).sum())
 
     start, first = play(0, 20)
     below, second = play(5, 8)
-    assert start == (77 // 4, 83 // 4)
-    assert 8 <= below[1] - start[1] <= 12  # the ladder's length
+    assert start == (77 // STEP, 83 // STEP)
+    assert 40 <= STEP * (below[1] - start[1]) <= 48  # the ladder's length
     aside, third = play(4, 4)
     assert aside[0] < below[0] == start[0]
     assert abs(aside[1] - below[1]) <= 1
-    assert min(changed(first, second, start), changed(first, second, below)) > 40
-    assert min(changed(second, third, below), changed(second, third, aside)) > 40
+    assert min(changed(first, second, start), changed(first, second, below)) > 20
+    assert min(changed(second, third, below), changed(second, third, aside)) > 20
     assert room_of(env) == 1
     env.close()
 
