@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,6 +19,10 @@ def table(
     output: options.Output = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Only these, as in 'Seeds,Mean AUC,IQM'; a paper's column has room for three or four."),
+    ] = None,
     allow_missing: options.AllowMissing = False,
 ) -> None:
     """Show each agent's mean AUC with its interval, one table a suite."""
@@ -33,7 +37,8 @@ def table(
         planned=options.planned_runs(runs),
         allow_missing=allow_missing,
     )
-    options.deliver(render(made, form, width=options.terminal_width(output)), output)
+    chosen = options.split_names(columns, "columns") if columns is not None else None
+    options.deliver(render(made, form, width=options.terminal_width(output), columns=chosen), output)
 
 
 def print_tables(records: Sequence[RunRecord], planned: Sequence[RunSpec]) -> None:
