@@ -16,6 +16,7 @@ from sprl_bench.cli import leaderboard, sweep
 from sprl_bench.cli import list as listing
 from sprl_bench.cli.doctor import doctor
 from sprl_bench.cli.options import require_command
+from sprl_bench.cli.play import play
 from sprl_bench.cli.plot import plot
 from sprl_bench.cli.report import report, watch
 from sprl_bench.cli.reproduce import reproduce
@@ -38,7 +39,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(listing.app, name="list")
-for command in (run, status, watch, table, plot, report, reproduce, verify, video, doctor):
+for command in (run, status, watch, table, plot, report, reproduce, verify, video, play, doctor):
     app.command()(command)
 app.command("reproduce-row")(reproduce_row)
 app.add_typer(sweep.app, name="sweep")
