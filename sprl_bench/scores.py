@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,9 @@ FINAL_BINS = 10
 THRESHOLD = 0.5
 
 Array = npt.NDArray[np.float64]
+Places = npt.NDArray[np.int64]
 Statistic = Callable[[Array], Array]
+Draw = Callable[..., npt.NDArray[Any]]
 
 
 def curve(stamps: npt.ArrayLike, values: npt.ArrayLike, budget: int) -> Array:
@@ -136,10 +139,18 @@ def curve_band(
     seeds = curves.shape[0]
     if seeds < 2:
         return None
-    means = curves[generator.integers(seeds, size=(resamples, seeds))].mean(axis=1)
+    means = _sums(curves, _drawn(_choose, generator, seeds, 1, resamples)[..., 0]) / seeds
     tail = 100 * (1 - confidence) / 2
-    low, high = np.percentile(means, [tail, 100 - tail], axis=0)
+    low, high = np.percentile(np.ascontiguousarray(means.T), [tail, 100 - tail], axis=1)
     return low, high
+
+
+def _sums(curves: Array, chosen: Places) -> Array:
+    """Return the sum of each sample's curves, [R, B], from the places of its curves, [R, S], added in their order."""
+    total = curves[chosen[:, 0]]
+    for column in chosen.T[1:]:
+        total += curves[column]
+    return total
 
 
 def difference_interval(
@@ -210,8 +221,8 @@ def improvement_interval(
     """
     if min(scores.shape[0], reference.shape[0]) < 2:
         return None
-    ours = _shares(scores.shape, generator, resamples)
-    theirs = _shares(reference.shape, generator, resamples)
+    ours = _drawn(_shares, generator, *scores.shape, resamples)
+    theirs = _drawn(_shares, generator, *reference.shape, resamples)
     wins = np.moveaxis(_wins(scores, reference), -1, 0)  # [T, S, S']
     return _percentiles(((ours @ wins) * theirs).sum(axis=-1).mean(axis=0), confidence)
 
@@ -222,9 +233,8 @@ def _wins(scores: Array, reference: Array) -> Array:
     return np.asarray((ours > theirs) + 0.5 * (ours == theirs))
 
 
-def _shares(shape: tuple[int, ...], generator: np.random.Generator, resamples: int) -> Array:
+def _shares(generator: np.random.Generator, seeds: int, tasks: int, resamples: int) -> Array:
     """Resample the seeds of each task; return each one's share of each sample: [T, R, S]."""
-    seeds, tasks = shape
     chosen = generator.integers(seeds, size=(tasks * resamples, seeds)) + seeds * np.arange(tasks * resamples)[:, None]
     return np.asarray(np.bincount(chosen.ravel(), minlength=chosen.size).reshape(tasks, resamples, seeds) / seeds)
 
@@ -247,11 +257,46 @@ def performance_profile(scores: Array, thresholds: Array) -> Array:
 
 def _resample(scores: Array, generator: np.random.Generator, resamples: int) -> Array:
     """Draw, for each task on its own, as many seeds as there are, with replacement: [R, S, T]."""
-    seeds, tasks = scores.shape
+    return scores.ravel().take(_drawn(_choose, generator, *scores.shape, resamples))
+
+
+def _choose(generator: np.random.Generator, seeds: int, tasks: int, resamples: int) -> Places:
+    """Return places in a flat array of scores [S, T], which are quicker to look up than seeds: [R, S, T]."""
     chosen = generator.integers(seeds, size=(resamples, seeds, tasks))
-    chosen *= tasks  # places in the flat array, which are quicker to look up
+    chosen *= tasks
     chosen += np.arange(tasks)
-    return scores.ravel().take(chosen)
+    return chosen
+
+
+def _drawn(draw: Draw, generator: np.random.Generator, *sizes: int) -> npt.NDArray[Any]:
+    """Return `draw(generator, *sizes)`, read-only; the last few draws are remembered by the state they begin from.
+
+    The intervals of a table all begin from one state, so they share their draws.
+    """
+    bits = generator.bit_generator
+    if not isinstance(bits, np.random.PCG64):
+        return draw(generator, *sizes)
+    before: Any = bits.state
+    drawn, after = _remembered(draw, sizes, *before["state"].values(), before["has_uint32"], before["uinteger"])
+    bits.state = after
+    return drawn
+
+
+@lru_cache(maxsize=6)
+def _remembered(
+    draw: Draw, sizes: tuple[int, ...], state: int, inc: int, has_uint32: int, uinteger: int
+) -> tuple[npt.NDArray[Any], Any]:
+    """Return what is drawn from this state of PCG64, and the state after."""
+    bits = np.random.PCG64()
+    bits.state = {
+        "bit_generator": "PCG64",
+        "state": {"state": state, "inc": inc},
+        "has_uint32": has_uint32,
+        "uinteger": uinteger,
+    }
+    drawn = draw(np.random.Generator(bits), *sizes)
+    drawn.flags.writeable = False
+    return drawn, bits.state
 
 
 def _percentiles(values: Array, confidence: float) -> Interval:

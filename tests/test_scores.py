@@ -258,3 +258,24 @@ def test_values_and_intervals_agree_with_rliable(matrix: str, name: str) -> None
     # (standard deviations): 5 % is far outside of that.
     assert interval is not None
     assert_allclose(interval, (low, high), atol=0.05 * (high - low))
+
+
+def test_shared_draws_are_those_of_the_generator_and_move_it_on() -> None:
+    """A second interval from the same state is the same; from the state after it, what a fresh generator would give."""
+    values = np.random.default_rng(0).random((4, 3))
+    generator = np.random.default_rng(7)
+    plain = np.random.Generator(np.random.MT19937(7))  # of another kind: never remembered
+    first, second = (scores.bootstrap_interval(values, scores.mean, generator) for _ in range(2))
+    assert first == scores.bootstrap_interval(values, scores.mean, np.random.default_rng(7))
+    assert first != second
+    fresh = np.random.default_rng(7)
+    chosen = fresh.integers(4, size=(10_000, 4, 3))
+    means = np.take_along_axis(values[None], chosen, axis=1).mean(axis=1).mean(axis=1)
+    assert first == pytest.approx(tuple(np.percentile(means, [2.5, 97.5])), abs=0)
+    assert fresh.bit_generator.state == _state_after(values, np.random.default_rng(7))
+    assert scores.bootstrap_interval(values, scores.mean, plain) is not None
+
+
+def _state_after(values: scores.Array, generator: np.random.Generator) -> object:
+    scores.bootstrap_interval(values, scores.mean, generator)
+    return generator.bit_generator.state

@@ -17,6 +17,7 @@ from sprl_bench.cli import list as listing
 from sprl_bench.cli.check_agent import check_agent
 from sprl_bench.cli.doctor import doctor
 from sprl_bench.cli.options import require_command
+from sprl_bench.cli.play import play
 from sprl_bench.cli.plot import plot
 from sprl_bench.cli.power import power
 from sprl_bench.cli.report import report, watch
@@ -42,7 +43,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.add_typer(listing.app, name="list")
-for command in (run, status, watch, table, power, plot, report, reproduce, verify, video, doctor):
+for command in (run, status, watch, table, power, plot, report, reproduce, verify, video, play, doctor):
     app.command()(command)
 app.command("reproduce-row")(reproduce_row)
 app.command("check-agent")(check_agent)

@@ -33,6 +33,10 @@ def table(
     suite: options.Suites = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(help="Only these, as in 'Seeds,Mean AUC,IQM'; a paper's column has room for three or four."),
+    ] = None,
     allow_missing: options.AllowMissing = False,
     statistic: Statistic = "auc",
 ) -> int:
@@ -58,8 +62,11 @@ def table(
     if not made:
         raise MissingRunsError(" ".join([*lacking, *elsewhere]) or "There is no finished run to make a table of.")
     width = options.terminal_width(output)
+    if columns is not None and statistic != "auc":
+        raise ValueError(f"columns is {columns!r}; it must be left out where --statistic is {statistic!r}.")
     if statistic == "auc":
-        text = render(made, form, width=width)
+        chosen = options.split_names(columns, "columns") if columns is not None else None
+        text = render(made, form, width=width, columns=chosen)
     else:
         results = [Result.of(record) for record in found.records if record.status == "complete"]
         text = render_statistic(tabulate_statistic(made, results, statistic), form, width=width)

@@ -8,9 +8,11 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.drops import drops_line
+from sprl_bench.tables.leaders import BOLD, leaders_of
 from sprl_bench.tables.table import MEASURES, Cell, Estimate, Row, Table
 from sprl_bench.tables.text_table import DIGITS, GRID_FORMATS, Grid, as_json, draw, number
 
@@ -30,16 +32,20 @@ BLOCKS = "▁▂▃▄▅▆▇█"
 TRENDS = "Blocks: the mean learning curve, one for each eighth of the budget, over the task's score range."
 
 
-def render(tables: Sequence[Table], form: str = "md", *, width: int | None = None) -> str:
+def render(
+    tables: Sequence[Table], form: str = "md", *, width: int | None = None, columns: Sequence[str] | None = None
+) -> str:
     """Return tables as text that ends in a newline.
 
     Args:
         tables: One a suite.
         form: One of `FORMATS`.
         width: Columns of the terminal for "rich"; None for plain text of any width.
+        columns: Beside the agent, in this order: tasks, or "Seeds", "Mean AUC", "IQM", "Final", "Success"; None for
+            all. CSV and JSON always hold all.
 
     Raises:
-        ValueError: There is no such format.
+        ValueError: There is no such format, or no such column.
     """
     if form not in FORMATS:
         raise ValueError(unknown("format", form, FORMATS))
@@ -47,7 +53,27 @@ def render(tables: Sequence[Table], form: str = "md", *, width: int | None = Non
         return as_json(tables)
     if form == "csv":
         return _csv(tables)
-    return draw([_grid(table, trends=form == "rich") for table in tables], form, width=width)
+    grids = [_grid(table, trends=form == "rich") for table in tables]
+    if form == "latex":
+        grids = [_with_leaders(grid, table) for grid, table in zip(grids, tables, strict=True)]
+    return draw([_narrowed(grid, columns) for grid in grids], form, width=width)
+
+
+def _with_leaders(grid: Grid, table: Table) -> Grid:
+    """Return a grid that knows its best numbers, which begin after agent and seeds."""
+    leaders = {(row, place + 2) for row, place in leaders_of(table)}
+    return replace(grid, leaders=leaders, footnotes=[*grid.footnotes, BOLD])
+
+
+def _narrowed(grid: Grid, columns: Sequence[str] | None) -> Grid:
+    """Return the agents and these columns."""
+    if columns is None:
+        return grid
+    places = {name.lower(): place for place, name in enumerate(grid.header) if place}
+    for name in columns:
+        if name.lower() not in places:
+            raise ValueError(unknown("column", name, grid.header[1:]))
+    return grid.only([0, *(places[name.lower()] for name in columns)])
 
 
 def _grid(table: Table, *, trends: bool) -> Grid:

@@ -50,6 +50,7 @@ class Estimate(Data):
     value: float
     interval: scores.Interval | None
     seeds: int
+    values: tuple[tuple[float, ...], ...] = Field(default=(), exclude=True)  # [S, T], what it is the statistic of
 
 
 class Cell(Data):
@@ -353,4 +354,5 @@ def estimate(
         value=float(statistic(values)),
         interval=scores.bootstrap_interval(values, statistic, np.random.default_rng(BOOTSTRAP_SEED)),
         seeds=values.shape[0],
+        values=tuple(map(tuple, values.tolist())),
     )

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import zip_longest
 from types import MappingProxyType
+from typing import Final
 
 from rich import box
 from rich.console import Console
@@ -15,17 +18,36 @@ from rich.text import Text
 
 from sprl_bench.records import Data
 
+NEGATIVE: Final = re.compile(r"(?<![\w-])-(?=\d+\.\d|\.\d)")  # the sign of a number, not a hyphen in a name
 DIGITS = 6  # decimals in CSV and JSON: few enough to be the same on every machine
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table as text: the first column is names, the others are numbers, and a cell may have several lines."""
+    """A table as text: the first column is names, the others are numbers, and a cell may have several lines.
+
+    Attributes:
+        title: A line above.
+        header: The names of the columns.
+        rows: Texts, one a column.
+        footnotes: Lines below.
+        leaders: Row and column of each number that a paper shows in bold.
+    """
 
     title: str
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
     footnotes: Sequence[str]
+    leaders: Collection[tuple[int, int]] = ()
+
+    def only(self, places: Sequence[int]) -> Grid:
+        """Return these columns alone."""
+        return replace(
+            self,
+            header=[self.header[place] for place in places],
+            rows=[[row[place] for place in places] for row in self.rows],
+            leaders={(row, places.index(place)) for row, place in self.leaders if place in places},
+        )
 
 
 def draw(grids: Sequence[Grid], form: str, *, width: int | None = None) -> str:
@@ -104,21 +126,38 @@ def _markdown_escape(text: str) -> str:
 
 
 def _latex(grid: Grid) -> str:
-    body = [" & ".join(_latex_escape(_flat(text)) for text in row) + r" \\" for row in grid.rows]
-    columns = len(grid.header)
-    notes = [rf"\multicolumn{{{columns}}}{{l}}{{\footnotesize {_latex_escape(line)}}} \\" for line in grid.footnotes]
+    """Return a table for a column of a paper: intervals below their numbers, names of tasks on two lines."""
+    header = _latex_lines([_folded(name) for name in grid.header])
+    body = [line for number, row in enumerate(grid.rows) for line in _latex_row(row, number, grid.leaders)]
+    notes = [rf"{{\raggedright\footnotesize {_latex_escape(line)}\par}}" for line in grid.footnotes]
     lines = [
         rf"% {grid.title}; needs \usepackage{{booktabs}}",
-        rf"\begin{{tabular}}{{l{'r' * (columns - 1)}}}",
+        r"{\footnotesize\setlength{\tabcolsep}{3pt}%",
+        rf"\begin{{tabular}}{{@{{}}l{'r' * (len(grid.header) - 1)}@{{}}}}",
         r"\toprule",
-        " & ".join(_latex_escape(name) for name in grid.header) + r" \\",
+        *(" & ".join(map(_latex_escape, line)) + r" \\" for line in header),
         r"\midrule",
         *body,
         r"\bottomrule",
+        r"\end{tabular}\par}",
+        *([r"\smallskip"] if notes else []),
         *notes,
-        r"\end{tabular}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _latex_lines(texts: Sequence[str]) -> Iterator[tuple[str, ...]]:
+    """Yield each line of cells with several lines."""
+    yield from zip_longest(*(text.split("\n") for text in texts), fillvalue="")
+
+
+def _latex_row(texts: Sequence[str], row: int, leaders: Collection[tuple[int, int]]) -> Iterator[str]:
+    """Yield a row's numbers, and below them, in small letters, their intervals."""
+    first, *others = _latex_lines(texts)
+    cells = map(_latex_escape, first)
+    yield " & ".join(rf"\textbf{{{cell}}}" if (row, n) in leaders else cell for n, cell in enumerate(cells)) + r" \\"
+    for line in others:
+        yield " & ".join(rf"{{\scriptsize {_latex_escape(cell)}}}" if cell else "" for cell in line) + r" \\"
 
 
 LATEX = MappingProxyType(
@@ -134,7 +173,7 @@ LATEX = MappingProxyType(
 
 
 def _latex_escape(text: str) -> str:
-    return "".join(LATEX.get(letter, letter) for letter in text)
+    return NEGATIVE.sub("$-$", "".join(LATEX.get(letter, letter) for letter in text))
 
 
 WRITERS: Mapping[str, Callable[[Grid], str]] = MappingProxyType({"latex": _latex, "md": _markdown})
