@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from gymnasium import Space
 from gymnasium.vector import VectorEnv
 
 from sprl_bench.suggestions import unknown
 
+FORM: Final = re.compile(r"\w+(\.\w+)*:\w+(\.\w+)*")  # of "package.module:attribute"
 GROUP = "sprl_bench.agents"
 SET_BY_THE_RUN = ("seed", "device", "self")  # no hyperparameters
 NUM_ENVS = 12  # for an agent that does not name it
@@ -112,7 +114,13 @@ def load_factory(name: str) -> AgentFactory:
 
 
 def load_attribute(target: str) -> Any:
-    """Return the value of "module:attribute", or None if the module has no such attribute."""
+    """Return the value of "module:attribute", or None if the module has no such attribute.
+
+    Raises:
+        ValueError: It is not of that form.
+    """
+    if not FORM.fullmatch(target):
+        raise ValueError(f"code is named {target!r}; it must be package.module:attribute, each a Python name.")
     module, _, attribute = target.partition(":")
     found: Any = importlib.import_module(module)
     for part in attribute.split("."):
@@ -180,7 +188,10 @@ def _resolve(factory: AgentFactory, domain: str, overrides: Mapping[str, Any], p
     if preset and (resolve is None or "preset" not in inspect.signature(resolve).parameters):
         raise ValueError(f"preset is {preset!r}; it must be left out, as this agent has no presets.")
     if resolve is not None:
-        return dict(resolve(domain, overrides, **({"preset": preset} if preset else {})))
+        found: Any = resolve(domain, overrides, **({"preset": preset} if preset else {}))
+        if not isinstance(found, Mapping):
+            raise ValueError(f"hyperparameters() of the agent returned {found!r:.80}; it must return a mapping.")
+        return dict(found)
     parameters = [one for one in inspect.signature(factory).parameters.values() if one.name not in SET_BY_THE_RUN]
     known = {one.name: one.default for one in parameters if one.kind in NAMED}
     takes_any = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in parameters)

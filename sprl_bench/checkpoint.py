@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sprl_bench.records import write_bytes
+from sprl_bench.records.files import require_regular
 
 FORMAT: Final = "1"
 COMPRESSED_FROM: Final = 2**20
@@ -53,10 +54,12 @@ def load(path: Path) -> dict[str, Any]:
 
     Raises:
         BrokenCheckpointError: The file is truncated, altered, or no checkpoint.
+        InvalidFileError: It is no regular file.
         FileNotFoundError: There is no such file.
     """
     from safetensors import SafetensorError, safe_open  # noqa: PLC0415 - loaded when needed
 
+    require_regular(path)
     path.open("rb").close()  # an error of the system is not a broken file
     try:
         with safe_open(path, framework="numpy") as file:
@@ -68,9 +71,11 @@ def load(path: Path) -> dict[str, Any]:
     if metadata.get("format") != FORMAT or metadata.get("digest") != _digest(tree, arrays):
         raise BrokenCheckpointError(f"{path} is not a whole checkpoint of format {FORMAT}: its digest differs.")
     try:
-        state: dict[str, Any] = _restore(json.loads(tree), arrays)
-    except (ValueError, zlib.error) as error:
-        raise BrokenCheckpointError(f"{path} is not a whole checkpoint: {error}.") from None
+        state = _restore(json.loads(tree), arrays)
+    except (ValueError, KeyError, TypeError, ImportError, RecursionError, zlib.error):
+        state = None
+    if not isinstance(state, dict):
+        raise BrokenCheckpointError(f"{path} is not a whole checkpoint of format {FORMAT}: its content is malformed.")
     return state
 
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
+
+from sprl_bench.shipped import find_shipped
 
 
 @dataclass(frozen=True)
@@ -48,9 +52,12 @@ def extra_of(module: str) -> str | None:
     return next((name for name, extra in EXTRAS.items() if package in extra.modules), None)
 
 
-def advice(extra: str, *, pinned: bool = False) -> str:
-    """Return the command that installs an extra, or several with commas between; with the pinned versions if asked."""
-    return f"pip install {'-c constraints.txt ' * pinned}'sprl-bench[{extra}]'"
+def advice(extra: str) -> str:
+    """Return the command that installs an extra, or several with commas between, in the pinned versions."""
+    pinned = find_shipped("constraints.txt")
+    here = Path.cwd()
+    path = pinned.relative_to(here) if pinned.is_relative_to(here) else pinned
+    return f"pip install -c {shlex.quote(str(path))} 'sprl-bench[{extra}]'"
 
 
 def not_installed(module: str) -> str:

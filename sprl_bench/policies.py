@@ -6,7 +6,8 @@ run, which gives its own policy (`sprl_bench.agents.Playable`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +22,7 @@ from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS, MAZE_IDS
 from sprl_bench.records import RunSpec, read
+from sprl_bench.records.files import printable
 from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS, find_files
 from sprl_bench.suggestions import unknown
 from sprl_bench.tasks import Argument
@@ -28,6 +30,11 @@ from sprl_bench.tasks import Argument
 Env = gymnasium.Env[Any, Any]
 
 MANY_RUNS: Final = 5  # in one message
+SHOWN_LETTERS: Final = 200  # of an error
+
+
+class PolicyError(ValueError):
+    """A function that is no policy: it raised an error, or returned no action."""
 
 
 class UnplayableRunError(ValueError):
@@ -76,7 +83,29 @@ def find_actor(name: str | Path | Policy, agent: str | None = None) -> Actor:
 def _given(name: object, policy: Policy) -> Actor:
     if not callable(policy):
         raise ValueError(f"policy is {name!r}; it must be a name, a run's folder, or a function of an observation.")
-    return Actor(lambda _env, _seed: policy)
+    return Actor(lambda env, _seed: _checked(name, policy, env.action_space))
+
+
+def _checked(name: object, policy: Policy, space: spaces.Space[Any]) -> Policy:
+    """Return a policy of which an error, or what is no action, is named."""
+
+    def act(observation: Any) -> Any:
+        try:
+            action = policy(observation)
+        except Exception as error:
+            raise PolicyError(f"policy is {name!r}; it raised {type(error).__name__}: {error}") from error
+        if not _is_action(action, space):
+            raise PolicyError(f"policy is {name!r}; it must return an action of {space}, not {action!r:.80}.")
+        return action
+
+    return act
+
+
+def _is_action(action: Any, space: spaces.Space[Any]) -> bool:
+    """Return whether an environment would take it: numbers of the right shape, whatever their type."""
+    if isinstance(space, spaces.Box):
+        return np.shape(action) == space.shape and np.issubdtype(np.asarray(action).dtype, np.number)
+    return bool(space.contains(action) or space.contains(getattr(action, "item", lambda: None)()))
 
 
 def _random(env: Env, seed: int) -> Policy:
@@ -195,7 +224,8 @@ def _trained(folder: Path, agent: str | None) -> Actor:
         if env.spec is None or env.spec.id != spec.task.env_id:
             raise ValueError(f"{folder} is a run in {spec.task.env_id}, not in {env.spec and env.spec.id}.")
         agent = restore(folder, spec)
-        return agent.policy(env.observation_space, env.action_space, seed)
+        with _fitting(_saved(folder, spec), spec):
+            return agent.policy(env.observation_space, env.action_space, seed)
 
     return Actor(begin, spec.task.arguments)
 
@@ -221,5 +251,21 @@ def restore(folder: Path, spec: RunSpec) -> Playable:
     agent = factory(seed=spec.seed, device="cpu", **spec.hyperparameters)
     if not isinstance(agent, Playable):
         raise UnplayableRunError(f"Agent {spec.agent!r} cannot act: it has no method policy().")
-    agent.load_state_dict(checkpoint.load(file)["agent"])
+    saved = checkpoint.load(file)
+    with _fitting(file, spec):
+        agent.load_state_dict(saved["agent"])
     return agent
+
+
+@contextlib.contextmanager
+def _fitting(file: Path, spec: RunSpec) -> Iterator[None]:
+    """Name the file whose content an agent does not take, whatever it raises.
+
+    Raises:
+        UnplayableRunError: It raises something.
+    """
+    try:
+        yield
+    except Exception as error:
+        text = printable(f"{type(error).__name__}: {error}", SHOWN_LETTERS)
+        raise UnplayableRunError(f"{file} does not fit the agent {spec.agent!r} ({text}).") from error

@@ -23,6 +23,17 @@ import psutil
 
 from sprl_bench.records import Hardware
 
+AGENTS: Final = "sprl_bench.agents"  # the group of entry points
+OWN: Final = ("sprl_bench", "sprl_baselines")
+LAUNCHERS: Final = frozenset(
+    """
+    attrs certifi charset-normalizer click cloudpickle debugpy execnet filelock hypothesis idna iniconfig ipykernel
+    ipython jedi jsonschema jsonschema-specifications markdown-it-py mdurl msgpack packaging parso pip pluggy
+    prompt-toolkit protobuf pygments pytest pytest-xdist pyyaml ray referencing requests rich rpds-py setuptools
+    shellingham sortedcontainers submitit tqdm traitlets typer urllib3 wcwidth
+    """.split()  # noqa: SIM905 - the list would take a line a name
+)
+"""Packages that start, show or submit runs, with what they need: none of them can move a score."""
 MANY_COMMITS: Final = 6  # what fits a line of a record, at 47 letters with "-dirty" and a comma
 
 
@@ -93,13 +104,14 @@ def surroundings() -> dict[str, str]:
 def versions() -> dict[str, str]:
     """Return the versions of Python, of the platform, and of every installed package that this process has loaded.
 
-    At the end of a run, everything that can move a number has been loaded, so no list of such packages is needed.
+    At the end of a run, everything that can move a number has been loaded, so no list of such packages is needed. Those
+    that only start, show or submit runs are left out: equal runs have equal versions, whoever started them.
     """
     loaded = {name.partition(".")[0] for name in sys.modules}
     packages = {package for module in loaded for package in _packages_by_module().get(module, ())}
     packages.add("sprl-bench")  # an editable install does not list its modules
     found = {package.lower().replace("_", "-"): metadata.version(package) for package in packages}
-    return {**surroundings(), **dict(sorted(found.items()))}
+    return {**surroundings(), **{name: found[name] for name in sorted(found) if name not in LAUNCHERS}}
 
 
 def installed(package: str) -> str | None:
@@ -134,24 +146,42 @@ def _git(*arguments: str) -> str | None:
 
 
 def agent_code(source: str) -> str | None:
-    """Return the hash of the file of an agent given as "package.module:attribute", or of the running script.
+    """Return the hash of the code of an agent, or of the running script, which may change without a version.
 
-    Such a file may have no version. Modules that it imports do not count.
+    Of an agent given as "package.module:attribute" it is that of the module's file, and of an installed one that of all
+    sources of its package.
 
     Args:
-        source: "package.module:attribute", whose module has been loaded; empty for the script.
+        source: As in `RunSpec.source`, with its module loaded; empty for the script.
 
     Returns:
-        16 hexadecimal digits; None for an installed agent, and without a file, as in a notebook.
+        16 hexadecimal digits; None for an agent of this package, whose commit is known, and without a file, as in a
+        notebook.
     """
-    if source and ":" not in source:
-        return None
-    module = sys.modules.get(source.partition(":")[0] or "__main__")
-    file = getattr(module, "__file__", None)
     try:
-        return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] if file else None
+        contents = [path.read_bytes() for path in _sources(source)]
     except OSError:
         return None
+    return hashlib.sha256(b"".join(contents)).hexdigest()[:16] if contents else None
+
+
+def _sources(source: str) -> list[Path]:
+    """Return the files that make an agent, or the running script."""
+    if source and ":" not in source:
+        return _of_package(source)
+    file = getattr(sys.modules.get(source.partition(":")[0] or "__main__"), "__file__", None)
+    return [Path(file)] if file else []
+
+
+def _of_package(name: str) -> list[Path]:
+    """Return all sources of the package of an installed agent, none if that is this package."""
+    found = [one.module for one in metadata.entry_points(group=AGENTS) if one.name == name]
+    top = found[0].partition(".")[0] if found else ""
+    if top in OWN or top not in sys.modules:
+        return []
+    folders = [Path(folder) for folder in getattr(sys.modules[top], "__path__", ())]
+    file = getattr(sys.modules[top], "__file__", None)
+    return sorted(path for folder in folders for path in folder.rglob("*.py")) or ([Path(file)] if file else [])
 
 
 def hardware() -> Hardware:

@@ -6,7 +6,7 @@ Either way every episode, curve and score must come out the same.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -22,11 +22,15 @@ from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.results import outcome
 from sprl_bench.recorder.tape import Close, Event, Head, Reset, Steps, UnfitForTapeError, read_tape
 from sprl_bench.records import RunRecord, RunSpec, gather, read
+from sprl_bench.records.files import printable, require_regular
 from sprl_bench.records.folder import ACTIONS, EPISODES, RECORD, run_path
 from sprl_bench.run import env_seed, make_envs, run
 from sprl_bench.suggestions import unknown
 
 MOST_ENVS: Final = 4_096  # single environments of one run
+SHOWN_LETTERS: Final = 200  # of an error
+UNFIT: Final = (ValueError, TypeError, LookupError, AssertionError, OverflowError, gymnasium.error.Error)
+"""What environments raise for actions and seeds that are not their own."""
 
 
 @dataclass(frozen=True)
@@ -72,12 +76,29 @@ def verify(folder: str | Path) -> Replay:
     record = read(folder / RECORD, RunRecord)
     if not (folder / ACTIONS).is_file():
         raise NotReplayableError(f"{folder} has no {ACTIONS}; the run must be made with --keep-actions.")
+    _refuse_code(folder, record.spec)
     try:
         log = _replayed(record.spec, *read_tape(folder / ACTIONS))
     except UnfitForTapeError as error:
         raise NotReplayableError(str(error)) from None
+    except UNFIT as error:
+        text = printable(f"{type(error).__name__}: {error}", SHOWN_LETTERS)
+        raise NotReplayableError(f"{folder / ACTIONS} does not fit its environment ({text}).") from error
     difference = _episodes_differ(folder / EPISODES, log) or _record_differs(record, log)
     return Replay(folder, record, log.env_steps, difference)
+
+
+def _refuse_code(folder: Path, spec: RunSpec) -> None:
+    """Refuse an environment that is not registered: Gymnasium would import a module that its id names.
+
+    Raises:
+        NotReplayableError: It is not.
+    """
+    env_id = spec.task.env_id
+    if not env_id.startswith(NAMESPACE) and env_id not in gymnasium.registry:
+        raise NotReplayableError(
+            f"{folder} is a run in {env_id!r}, which is not registered; no code is loaded because a file names it."
+        )
 
 
 def verify_entry(entry: Entry, root: str | Path) -> list[Replay]:
@@ -147,6 +168,8 @@ def retrain(entry: Entry, task: str, seed: int, out: str | Path) -> tuple[RunRec
 def _replayed(spec: RunSpec, head: Head, events: Iterator[Event]) -> EpisodeLog:
     """Return the log of episodes of a run that is repeated."""
     if head.num_envs:
+        if head.num_envs != spec.num_envs:
+            raise UnfitForTapeError(f"The tape is of {head.num_envs} environments; the run has {spec.num_envs}.")
         return _replay_vector(spec, head, events)
     return _replay_singles(spec, list(events))
 
@@ -205,10 +228,10 @@ def _number_of_envs(events: Iterable[Event]) -> int:
 
 def _episodes_differ(path: Path, log: EpisodeLog) -> str:
     """Return where the episodes of a file are not those of a log, in one sentence."""
-    from pyarrow import parquet  # noqa: PLC0415 - heavy
-
-    there = parquet.read_table(path)
     here = log.episodes
+    there = _episodes_in(path, here.dtype.names or (), len(here))
+    if isinstance(there, str):
+        return there
     for name in here.dtype.names or ():
         column = np.asarray(there.column(name))
         shared = min(len(column), len(here))
@@ -217,9 +240,26 @@ def _episodes_differ(path: Path, log: EpisodeLog) -> str:
             first, end = places[0], here["stamp"][places[0]]
             values = f"the {name} {column[first]} in the file and {here[name][first]} in the replay"
             return f"episode {first}, which ends at env step {end}, has {values}"
-    if there.num_rows != len(here):
-        return f"the file has {there.num_rows} episodes and the replay {len(here)}"
     return ""
+
+
+def _episodes_in(path: Path, names: Sequence[str], count: int) -> Any:
+    """Return the table of a file of episodes, or why it is not the one of a replay; it is read only if its size fits.
+
+    Raises:
+        NotReplayableError: It is no such table.
+    """
+    from pyarrow import ArrowException, parquet  # noqa: PLC0415 - heavy
+
+    require_regular(path)
+    try:
+        rows = parquet.ParquetFile(path).metadata.num_rows
+        if rows != count:
+            return f"the file has {rows} episodes and the replay {count}"
+        return parquet.read_table(path, columns=list(names), schema=None)
+    except (ArrowException, OSError, LookupError) as error:
+        text = printable(str(error), SHOWN_LETTERS)
+        raise NotReplayableError(f"{path} is no table of episodes ({text}).") from None
 
 
 def _record_differs(record: RunRecord, log: EpisodeLog) -> str:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+from pydantic import ValidationError
 
 from sprl_bench import checkpoint, provenance
 from sprl_bench.provenance import Provenance
 from sprl_bench.records import RunRecord, RunSpec, differences, read
+from sprl_bench.records.files import printable
 from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC
 
 logger = logging.getLogger("sprl_bench")
+
+SHOWN_LETTERS: Final = 200  # of an error
 
 
 class SpecChangedError(ValueError):
@@ -64,16 +69,18 @@ def load_checkpoint(path: Path, spec: RunSpec, here: Provenance) -> dict[str, An
     except checkpoint.BrokenCheckpointError as error:
         logger.warning("%s The run starts over.", error)
         return None
-    if "provenance" not in state:
-        raise other_build(path, "provenance")
-    _refuse(path, state, spec, here)
+    try:
+        _refuse(path, state, spec, here)
+    except (KeyError, TypeError, AttributeError, ValidationError) as error:
+        raise other_build(path, error) from None
     return state
 
 
-def other_build(path: Path, error: object) -> CheckpointRefusedError:
+def other_build(path: Path, error: Exception) -> CheckpointRefusedError:
     """Return the refusal of a checkpoint whose state this build of the package cannot take."""
+    text = printable(str(error), SHOWN_LETTERS)
     return CheckpointRefusedError(
-        f"{path} was made by another build of sprl-bench ({error}): continue with that one, or remove it to start over."
+        f"{path} was made by another build of sprl-bench ({text}): continue with that one, or remove it to start over."
     )
 
 

@@ -11,9 +11,10 @@ import hashlib
 import json
 import logging
 import math
+import operator
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,7 +23,7 @@ from gymnasium.envs.registration import make_vec
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from sprl_bench import checkpoint
-from sprl_bench.agents import Playable, Resumable, load_factory
+from sprl_bench.agents import Agent, Playable, Resumable, load_factory
 from sprl_bench.process import StopSignals, torch_set_up
 from sprl_bench.provenance import Provenance
 from sprl_bench.recorder import VectorRecorder
@@ -144,6 +145,18 @@ def _train(active: _ActiveRun, checkpoint_every_s: float, stop: Callable[[], boo
         )
 
 
+def _checked_agent(agent: Any, spec: RunSpec) -> Agent:
+    """Return what a factory has made, if it is an agent.
+
+    Raises:
+        TypeError: It has no method `train`.
+    """
+    if not callable(getattr(agent, "train", None)):
+        raise TypeError(f"The factory of agent {spec.agent!r} returned {agent!r:.80}; it must have a method train().")
+    made: Agent = agent
+    return made
+
+
 class _ActiveRun:
     """A run while this process works on it: the agent, the recorded environments, the clock and the open files.
 
@@ -160,7 +173,7 @@ class _ActiveRun:
         factory = load_factory(spec.source or spec.agent)
         self._provenance = Provenance.take(spec.source)
         opened.enter_context(torch_set_up(spec))
-        self._agent = factory(seed=spec.seed, device=spec.device, **spec.hyperparameters)
+        self._agent = _checked_agent(factory(seed=spec.seed, device=spec.device, **spec.hyperparameters), spec)
         envs = make_envs(spec.task.env_id, spec.num_envs, spec.task.arguments, spec.torch_threads)
         self._envs = opened.enter_context(contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=True)))
         envs.reset(seed=env_seed(spec))
@@ -175,19 +188,29 @@ class _ActiveRun:
         if not self._resumable:
             logger.warning("This run starts over when interrupted: its agent or its environments cannot save a state.")
         state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
+        try:
+            self._take(state)
+        except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+            raise other_build(path, error) from error
         self._truncate_metrics(state["metrics_bytes"] if state else 0)
         self._tape(state)
         if state is None:
             return
-        try:
-            self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
-            self._envs.episode_log.load_state_dict(state["log"])
-        except (KeyError, ValueError) as error:
-            raise other_build(path, error) from None
-        self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
-        self._earlier_s, self._reported = state["wall_time_s"], self._envs.episode_log.num_logged
-        self._provenance = self._provenance.continuing(state["provenance"])
         logger.info("%s continues after %d env steps.", self._folder, self.env_steps)
+
+    def _take(self, state: Mapping[str, Any] | None) -> None:
+        """Take the state of a checkpoint; the files are changed only after all of it is taken."""
+        if state is None:
+            return
+        for name in ("metrics_bytes", "actions_bytes"):
+            if not operator.index(state.get(name, 0)) >= 0:
+                raise ValueError(f"{name} is {state[name]}")
+        self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
+        self._envs.episode_log.load_state_dict(state["log"])
+        self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
+        self._earlier_s, self._reported = float(state["wall_time_s"]), self._envs.episode_log.num_logged
+        self._provenance = self._provenance.continuing(state["provenance"])
+        operator.index(state["metrics_bytes"])
 
     def _truncate_metrics(self, size: int) -> None:
         """Forget the lines after the checkpoint; set aside what is shorter, as after a loss of power."""
@@ -229,15 +252,27 @@ class _ActiveRun:
         return self._earlier_s + time.perf_counter() - self._started
 
     def updates(self) -> Iterator[Mapping[str, float]]:
-        """Return the agent's loop."""
-        return self._agent.train(self._envs, self.spec.task.budget)
+        """Return the agent's loop.
 
-    def report(self, metrics: Mapping[str, float]) -> None:
+        Raises:
+            TypeError: It is none.
+        """
+        updates: Any = self._agent.train(self._envs, self.spec.task.budget)
+        if not isinstance(updates, Iterable):
+            raise TypeError(f"train() of agent {self.spec.agent!r} returned {updates!r:.80}; it must yield metrics.")
+        return iter(updates)
+
+    def report(self, metrics: Any) -> None:
         """Append one line of diagnostics; a number that is not finite is written as null.
 
         The harness writes `env_steps`, `wall_time_s`, `return` and `success`. An agent's metrics of these names are
         left out.
         """
+        if not isinstance(metrics, Mapping):
+            raise TypeError(
+                f"train() of agent {self.spec.agent!r} yielded {metrics!r:.80}; it must yield a mapping of names to "
+                "numbers after each update."
+            )
         numbers = {name: float(value) for name, value in metrics.items()}
         own = {"env_steps": self.env_steps, "wall_time_s": round(self._wall_time_s, 3), **self._recent()}
         finite = {name: value if math.isfinite(value) else None for name, value in numbers.items() if name not in own}

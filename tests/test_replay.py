@@ -83,7 +83,7 @@ def test_an_action_outside_of_the_space_is_refused() -> None:
 
 def test_events_come_back_in_their_order(tmp_path: Path) -> None:
     path = tmp_path / "tape"
-    head = Head(2, "SameStep", 7)
+    head = Head(num_envs=2, autoreset="SameStep", discrete=7)
     with path.open("w+b") as file:
         tape = Tape(file, head)
         tape.reset(None)
@@ -224,7 +224,7 @@ def test_a_tape_without_its_last_block_gives_another_run(kept: Path) -> None:
 def test_a_tape_cannot_expand_without_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "tape"
     with path.open("w+b") as file:
-        tape = Tape(file, Head(1, "SameStep", 2))
+        tape = Tape(file, Head(num_envs=1, autoreset="SameStep", discrete=2))
         for _ in range(4_000):
             tape.step(np.array([0]))
         tape.flush()
@@ -289,7 +289,7 @@ def test_a_script_with_a_vector_environment_is_replayed(mode: str, tmp_path: Pat
 
 def test_a_tape_cannot_ask_for_environments_without_limit(kept: Path) -> None:
     with (kept / ACTIONS).open("w+b") as file:
-        tape = Tape(file, Head(0, "", 7))
+        tape = Tape(file, Head(num_envs=0, autoreset="", discrete=7))
         tape.reset(None, env=10**9)
     with pytest.raises(NotReplayableError, match="has an environment of index 1000000000; it must be below 4096"):
         verify(kept)

@@ -126,5 +126,7 @@ def test_on_the_command_line(capsys: Capture, tmp_path: Path, monkeypatch: pytes
     monkeypatch.setitem(sys.modules, "tensorboard", None)
     status, _, err = call(capsys, *command, "--log", "tensorboard", "--out", tmp_path / "other")
     assert status != 0
-    assert "tensorboard is not installed; install it with: pip install 'sprl-bench[tensorboard]'" in err
+    assert (
+        "tensorboard is not installed; install it with: pip install -c constraints.txt 'sprl-bench[tensorboard]'" in err
+    )
     assert not (tmp_path / "other").exists()

@@ -357,7 +357,7 @@ def test_a_missing_library_says_how_to_get_it(capsys: Capture, tmp_path: Path, m
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     status, _, err = call(capsys, GRID, "-o", tmp_path / "a.mp4")
     assert status == 1
-    assert "imageio_ffmpeg is not installed; install it with: pip install 'sprl-bench[video]'" in err
+    assert "imageio_ffmpeg is not installed; install it with: pip install -c constraints.txt 'sprl-bench[video]'" in err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -29,7 +29,7 @@ def _conclude(findings: list[Finding]) -> list[str]:
     if wrong:
         extras = ",".join(name for name in ("atari", "baselines", "fetch") if EXTRAS[name].installed) or "baselines"
         lines.append(f"Scores from here may not compare with published ones: {wrong}.")
-        lines.append(f"Install the pinned versions with: {advice(extras, pinned=True)}")
+        lines.append(f"Install the pinned versions with: {advice(extras)}")
     if open_questions:
         lines.append(f"No pinned version to compare with (constraints.txt): {open_questions}.")
     if not wrong and not open_questions:

@@ -194,7 +194,7 @@ def plot(
     entries = leaderboard.find_board(board)
     records, planned = runs_of(runs, None, suites=[entries[0].suite]) if runs else ([], [])
     results, wanted = leaderboard.side_by_side(entries, records, planned=planned, agents=agent or None)
-    if runs and not any(spec.suite == entries[0].suite for spec in planned):
+    if runs and not any(spec.suite == entries[0].suite for spec in wanted):
         raise ValueError(f"There is no run of suite {entries[0].suite!r} in {runs}.")
     plots.plot_results(results, output, tasks=task or None, planned=wanted, allow_missing=allow_missing)
     typer.echo(f"Wrote {output}.", err=True)

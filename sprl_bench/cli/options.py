@@ -17,6 +17,7 @@ from sprl_bench.suggestions import unknown
 if TYPE_CHECKING:  # loaded when a command needs it
     from sprl_bench.records import RunSpec
 
+PLAIN: Final = ("", ".txt")
 SUFFIXES: Final = MappingProxyType({".csv": "csv", ".json": "json", ".md": "md", ".tex": "latex"})
 
 Runs = Annotated[Path, typer.Argument(help="A folder with runs.")]
@@ -49,9 +50,20 @@ def choose_format(form: str | None, output: Path | None, allowed: Collection[str
     Raises:
         ValueError: It is not allowed; the message lists the allowed formats.
     """
-    chosen = form or SUFFIXES.get(output.suffix.lower() if output else "", "rich")
+    chosen = form or _format_of(output, allowed)
     check_choice("format", chosen, allowed)
     return chosen
+
+
+def _format_of(output: Path | None, allowed: Collection[str]) -> str:
+    """Return the format of a file's suffix; that of a terminal without a file, or for one that names none."""
+    suffix = output.suffix.lower() if output else ""
+    if suffix in PLAIN:
+        return "rich"
+    if SUFFIXES.get(suffix) not in allowed:
+        known = ", ".join(sorted([*(one for one, form in SUFFIXES.items() if form in allowed), ".txt"]))
+        raise ValueError(f"output is {str(output)!r}; it must end in {known}, or --format must be given.")
+    return SUFFIXES[suffix]
 
 
 def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
@@ -113,10 +125,14 @@ def parse_seeds(text: str) -> list[int]:
     Raises:
         ValueError: It is neither a positive number nor a list of seeds.
     """
+    from sprl_bench.records.types import LIMIT
+
     words = [word.strip() for word in text.split(",") if word.strip()]
-    if not words or not all(word.isascii() and word.isdecimal() and len(word) < 16 for word in words):
+    if not words or not all(word.isascii() and word.isdecimal() and len(word) < 20 for word in words):
         raise ValueError(f"seeds is {text!r}; it must be how many, as in 5, or which, as in 0,3,7.")
     numbers = [int(word) for word in words]
+    if max(numbers) >= LIMIT:
+        raise ValueError(f"seeds holds {max(numbers)}; it must hold numbers below 2^53.")
     if "," in text:
         return numbers
     if not 0 < numbers[0] <= 10_000:

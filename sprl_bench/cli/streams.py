@@ -48,7 +48,7 @@ def legible(text: str, encoding: str | None) -> str:
 def unbreakable_output() -> Iterator[None]:
     """Ignore within that standard output or standard error cannot be written to: the work goes on, and has a status."""
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = Unbreakable(sys.stdout), Unbreakable(sys.stderr)  # type: ignore[assignment]
+    sys.stdout, sys.stderr = Unbreakable(sys.stdout), Unbreakable(sys.stderr)
     try:
         yield
         sys.stdout.flush()

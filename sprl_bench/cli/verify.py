@@ -31,6 +31,7 @@ def verify(
 
 def _of_folder(path: Path) -> Iterator[bool]:
     """Replay all runs below a folder, print a line for each, and yield whether it is equal."""
+    from sprl_bench.records import InvalidFileError
     from sprl_bench.records.folder import RECORD, find_files
     from sprl_bench.replay import NotReplayableError
     from sprl_bench.replay import verify as verify_run
@@ -41,7 +42,7 @@ def _of_folder(path: Path) -> Iterator[bool]:
     for folder in folders:
         try:
             yield _show(verify_run(folder))
-        except NotReplayableError as error:
+        except (NotReplayableError, InvalidFileError) as error:
             print(f"sprl-bench: {error}", file=sys.stderr)
             yield False
 
@@ -69,6 +70,9 @@ def reproduce_row(
     entry: Annotated[str, typer.Argument(help="The file of an entry.")],
     task: Annotated[str, typer.Option(help="One of its tasks.")],
     seed: Annotated[int, typer.Option(min=0, help="One of its seeds.")],
+    agent: Annotated[
+        str | None, typer.Option(help="Your own agent must be named, as package.module:factory, to be loaded.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="The folder of the new run.")] = Path("runs-again"),
 ) -> int:
     """Train one row of an entry again, from the entry alone, and compare the curves."""
@@ -76,7 +80,10 @@ def reproduce_row(
     from sprl_bench.replay import retrain, row_spec
 
     there = read_entry(Path(entry))
-    if ":" in row_spec(there, task, seed).source:
+    source = row_spec(there, task, seed).source
+    if ":" in source and agent != source:
+        raise ValueError(f"agent is {agent!r}; it must be {source!r}, as code is loaded only if you name it (--agent).")
+    if ":" in source:
         find_modules_here()
     record, difference = retrain(there, task, seed, out)
     where = f"{there.agent} on {task}, seed {seed}: AUC {record.scores.auc:.4f}"

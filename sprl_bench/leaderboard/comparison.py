@@ -11,6 +11,7 @@ import numpy as np
 from sprl_bench import scores
 from sprl_bench.extras import require_extra
 from sprl_bench.leaderboard.entries import Entry, is_telling
+from sprl_bench.leaderboard.same_tasks import runs_for_board
 from sprl_bench.permutation import permutation_p
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
@@ -143,7 +144,7 @@ def compare(
     if not entries:
         raise ValueError("There is no entry to compare with.")
     suite = entries[0].suite
-    mine = [record for record in records if record.spec.suite == suite]
+    mine, own_plans, moved = runs_for_board(entries[0], records, planned, agent)
     complete = [Result.of(record) for record in mine if record.status == "complete"]
     names = sorted({result.agent for result in complete})
     if not names:
@@ -153,14 +154,15 @@ def compare(
     for task in tasks or ():
         if task not in (allowed := [part.task.name for part in entries[0].tasks]):
             raise ValueError(unknown(f"task of suite {suite!r}", task, allowed))
-    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in mine)]
-    return [
+    wanted = [*own_plans, *(record.spec for record in mine)]
+    compared = [
         one
         for name in names
         if agent in (None, name)
         for results in [[result for result in complete if result.agent == name]]
         for one in _comparable(results, entries, tasks, [spec for spec in wanted if spec.agent == name])
     ]
+    return [one.model_copy(update={"notes": (*one.notes, *moved)}) for one in compared]
 
 
 def _comparable(
@@ -200,9 +202,9 @@ def side_by_side(
     """
     if not entries:
         raise ValueError("This board has no entry yet.")
-    suite, entered = entries[0].suite, {entry.agent for entry in entries}
-    own = [record for record in records if record.spec.suite == suite]
-    wanted = [*(spec for spec in planned if spec.suite == suite), *(record.spec for record in own)]
+    entered = {entry.agent for entry in entries}
+    own, own_plans, _ = runs_for_board(entries[0], records, planned)
+    wanted = [*own_plans, *(record.spec for record in own)]
     names = entered | {spec.agent for spec in wanted}
     for agent in agents or ():
         if agent not in names:

@@ -136,7 +136,9 @@ class Entry(Data):
     versions: dict[Line, Line]
     git_commits: tuple[Line, ...] = Field(description="Of the checkouts of sprl-bench that the runs were made with.")
     agent_codes: tuple[Line, ...] = Field(
-        default=(), description='Hashes of the file of an agent named as "package.module:attribute", or of the scripts.'
+        default=(),
+        description='Hashes of the file of an agent named as "package.module:attribute", of the sources of an '
+        "installed agent's package, or of the scripts.",
     )
     hardware: Annotated[tuple[Hardware, ...], Field(min_length=1)]
 

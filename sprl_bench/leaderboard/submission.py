@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.leaderboard.same_tasks import suites_with
 from sprl_bench.records import RunRecord, RunSpec, TaskSpec, gather
 from sprl_bench.records.files import first_complaint
 from sprl_bench.suggestions import unknown
@@ -95,7 +96,9 @@ def _runs_of(records: Sequence[RunRecord], agent: str, suite: str | None) -> lis
         agents = {record.spec.agent for record in records}
         if agent in agents:
             where = f" of suite {suite!r}" if suite else ""
-            raise MissingRunsError(f"Agent {agent!r} has no finished run{where}.")
+            there = suites_with(records, agent)
+            hint = f" It has runs of {there}; a script's runs are of the suite that record() is given." if there else ""
+            raise MissingRunsError(f"Agent {agent!r} has no finished run{where}.{hint}")
         raise ValueError(unknown("agent among these runs:", agent, agents))
     suites = sorted({record.spec.suite for record in mine})
     if len(suites) > 1:

@@ -205,6 +205,9 @@ class EpisodeLog:
         """
         if len(state["sums"]) != self.num_envs:
             raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
+        for name in ARRAYS:
+            if np.shape(state[name]) != (self.num_envs,):
+                raise ValueError(f"{name} has the shape {np.shape(state[name])}; it must be ({self.num_envs},).")
         self.env_steps, self.abandoned = int(state["env_steps"]), int(state["abandoned"])
         for name in ARRAYS:
             setattr(self, f"_{name}", np.array(state[name]))

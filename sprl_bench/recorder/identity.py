@@ -18,6 +18,7 @@ from gymnasium import wrappers
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv, VectorWrapper
 
+from sprl_bench.records.types import LIMIT
 from sprl_bench.tasks import CUSTOM, SUITES, Argument, Suite, Task, find_suite, match_task, with_budget
 
 NAMESPACE: Final = "SPRL/"  # of our own environments
@@ -143,24 +144,37 @@ def _registered(made: EnvSpec | None) -> EnvSpec:
 
 def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
     without = OF_MAKING | OF_SHOWING if registered.id.startswith(NAMESPACE) else OF_MAKING
-    own = registered.kwargs
+    own = {**_signature(registered), **registered.kwargs}
     given = {
         name: value.item() if isinstance(value, np.generic) else value
         for name, value in arguments.items()
-        if name not in without and not (name in own and own[name] == value)
+        if name not in without and not (name in own and _is_same(own[name], value))
     }
-    defaults = {**_defaults(registered), **{name: value for name, value in own.items() if isinstance(value, PLAIN)}}
+    defaults = {
+        **_defaults(registered),
+        **{name: value for name, value in registered.kwargs.items() if isinstance(value, PLAIN)},
+    }
     return Identity(registered.id, given, {name: v for name, v in defaults.items() if name not in without})
+
+
+def _is_same(default: Any, value: Any) -> bool:
+    """Return whether a value is the default; a list, an array or None may be one."""
+    return value is default or (type(value) is type(default) and bool(np.all(np.asarray(value == default))))
 
 
 def _defaults(registered: EnvSpec) -> dict[str, Argument]:
     """Return the plain defaults in the signature of a single environment's constructor."""
+    return {name: value for name, value in _signature(registered).items() if isinstance(value, PLAIN)}
+
+
+def _signature(registered: EnvSpec) -> dict[str, Any]:
+    """Return the defaults in the signature of a single environment's constructor."""
     entry_point = registered.entry_point
     creator: Callable[..., Any] | None = load_env_creator(entry_point) if isinstance(entry_point, str) else entry_point
     if creator is None:
         return {}
     parameters = inspect.signature(creator).parameters
-    return {name: p.default for name, p in parameters.items() if isinstance(p.default, PLAIN)}
+    return {name: p.default for name, p in parameters.items() if p.default is not inspect.Parameter.empty}
 
 
 def choose_task(
@@ -212,11 +226,27 @@ def _described(identity: Identity) -> str:
     return f"{identity.env_id}{arguments}"
 
 
+def _check_argument(env_id: str, name: str, value: object) -> None:
+    """Refuse an argument that a record cannot hold, and so nobody could compare.
+
+    Raises:
+        ValueError: It is neither text nor a number nor a boolean, or too large.
+    """
+    plain = isinstance(value, PLAIN) and not (isinstance(value, int) and abs(value) >= LIMIT)
+    if not plain or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError(
+            f"{name} is {value!r:.80}; as an argument of {env_id} in a record it must be text, a boolean or a finite "
+            f"number below 2^53. Register an id of your own for an environment with other arguments."
+        )
+
+
 def _task_of_its_own(identity: Identity, score_range: tuple[float, float]) -> Task:
     """Return a task of no suite, with its arguments in its name."""
     domains = [task.domain for suite in SUITES.values() for task in suite.tasks if task.env_id == identity.env_id]
     defaults = identity.defaults
     changed = {name: v for name, v in identity.arguments.items() if name not in defaults or defaults[name] != v}
+    for name, value in changed.items():
+        _check_argument(identity.env_id, name, value)
     name = "-".join([identity.env_id.rpartition("/")[2], *(f"{name}-{v}" for name, v in sorted(changed.items()))])
     return Task(
         name=name,

@@ -30,6 +30,14 @@ logger = logging.getLogger("sprl_bench")
 
 AnyEnv = TypeVar("AnyEnv", bound="gymnasium.Env[Any, Any] | VectorEnv[Any, Any, Any]")
 NONE: Final[Mapping[str, Any]] = MappingProxyType({})
+AGAIN: Final = (
+    "The environment that record() returned earlier in this process is still open, as after a notebook's cell that ran "
+    "twice: close() it to record anew."
+)
+UNEVEN: Final = (
+    "A library that stops some environments while others go on, as a collector of whole episodes does, must collect "
+    "steps, or use gymnasium.make_vec, whose environments are stepped together."
+)
 ELSEWHERE: Final = (
     "An environment for evaluation is made before the recording begins, or under `with recording.paused():`."
 )
@@ -101,7 +109,7 @@ class ScriptRun:
         """
         vector = isinstance(env, VectorEnv)
         if self._log.env_steps or (self._open and (vector or self._vector)):
-            raise ValueError(f"{self.folder} is being recorded already. {ELSEWHERE}")
+            raise ValueError(f"{self.folder} is being recorded already. {AGAIN} {ELSEWHERE}")
         member = _Member(self)
         recorder: Any
         if vector:
@@ -144,7 +152,8 @@ class ScriptRun:
             if steps > slowest:
                 raise RuntimeError(
                     f"{len(self._open)} environments are recorded as one run ({self.folder}), but one of them is not "
-                    f"stepped in turn with the others. {ELSEWHERE} One that is no longer needed must be closed."
+                    f"stepped in turn with the others. {UNEVEN} {ELSEWHERE} One that is no longer "
+                    "needed must be closed."
                 )
 
     def leave(self, member: _Member) -> None:
@@ -210,7 +219,7 @@ class _Member(Listener):
         self.steps += 1
 
     def resetting(self) -> None:
-        self.resets += 1
+        self.resets += self.steps > 0  # the first one is nobody's turn
 
     def completed(self) -> None:
         """Write the record; if the disk is full, say so and let the script go on: `close` tries again."""

@@ -13,14 +13,17 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Annotated, Any, BinaryIO, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
+from pydantic import Field, TypeAdapter, ValidationError
+
+from sprl_bench.records import Data
+from sprl_bench.records.files import first_complaint
 
 Array = npt.NDArray[Any]
 
@@ -28,14 +31,14 @@ FORMAT: Final = 1
 BLOCK: Final = struct.Struct("<cI")  # letter and length
 PENDING: Final = 4_096  # calls of step in one block
 LARGEST: Final = 2**28  # bytes of a block
+MOST_ENVS: Final = 2**20
 
 
 class UnfitForTapeError(ValueError):
     """Actions of this space, or this file, cannot be a tape."""
 
 
-@dataclass(frozen=True)
-class Head:
+class Head(Data):
     """What is the same for all of a tape.
 
     Attributes:
@@ -46,11 +49,11 @@ class Head:
         dtype: The type of a box's components.
     """
 
-    num_envs: int
-    autoreset: str
-    discrete: int
-    shape: tuple[int, ...] = ()
-    dtype: str = "float32"
+    num_envs: Annotated[int, Field(ge=0, le=MOST_ENVS)]
+    autoreset: Literal["", "NextStep", "SameStep", "Disabled"]
+    discrete: Annotated[int, Field(ge=0, lt=2**31)]
+    shape: Annotated[tuple[Annotated[int, Field(gt=0, le=4_096)], ...], Field(strict=False, max_length=8)] = ()
+    dtype: Literal["float16", "float32", "float64", "int8", "int16", "int32", "int64", "uint8", "bool"] = "float32"
     format: int = FORMAT
 
     @classmethod
@@ -61,10 +64,18 @@ class Head:
             UnfitForTapeError: The space is neither `Discrete` from 0 nor a `Box`.
         """
         if isinstance(space, spaces.Discrete) and space.start == 0:
-            return cls(num_envs, autoreset, int(space.n))
+            return cls._made(num_envs=num_envs, autoreset=autoreset, discrete=int(space.n))
         if isinstance(space, spaces.Box):
-            return cls(num_envs, autoreset, 0, tuple(space.shape), np.dtype(space.dtype).name)
+            shape, dtype = tuple(map(int, space.shape)), np.dtype(space.dtype).name
+            return cls._made(num_envs=num_envs, autoreset=autoreset, discrete=0, shape=shape, dtype=dtype)
         raise UnfitForTapeError(f"action_space is {space}; it must be Discrete from 0 or a Box for actions to be kept.")
+
+    @classmethod
+    def _made(cls, **fields: Any) -> Head:
+        try:
+            return cls(**fields)
+        except ValidationError as error:
+            raise UnfitForTapeError(f"These actions cannot be kept: {first_complaint(error)}.") from None
 
     @classmethod
     def of_envs(cls, envs: VectorEnv[Any, Any, Any]) -> Head:
@@ -96,6 +107,8 @@ class Head:
         if not self.discrete:
             return np.frombuffer(content, self.dtype).reshape(-1, *self.shape)
         (count,) = struct.unpack_from("<Q", content)
+        if count * self.bits > 8 * len(content):
+            raise ValueError(f"it has {count} actions in {len(content)} bytes")
         digits = np.unpackbits(np.frombuffer(content, np.uint8, offset=8), count=count * self.bits)
         weights = 1 << np.arange(self.bits)
         numbers: Array = (digits.reshape(count, self.bits) * weights).sum(axis=1)
@@ -124,6 +137,10 @@ class Steps(NamedTuple):
 
 
 Event = Reset | Close | Steps
+Index = Annotated[int, Field(ge=-1, lt=2**32)]
+Seed = Annotated[int, Field(ge=0)]
+WrittenReset: Final = TypeAdapter(tuple[Index, Seed | list[Seed | None] | None, list[bool] | None])
+WrittenClose: Final = TypeAdapter(tuple[Annotated[int, Field(ge=0, lt=2**32)]])
 
 
 class NoTape:
@@ -156,7 +173,7 @@ class Tape(NoTape):
         self._actions: list[Array] = []
         self._envs: list[int] = []
         if file.tell() == 0:
-            file.write(json.dumps(asdict(head)).encode() + b"\n")
+            file.write(json.dumps(head.model_dump(mode="json")).encode() + b"\n")
 
     def step(self, actions: Any, env: int = -1) -> None:
         """Keep the actions of one call of `step`: of a vector environment [N, ...], or of the single one `env`."""
@@ -206,13 +223,11 @@ def read_tape(path: Path) -> tuple[Head, Iterator[Event]]:
     Raises:
         UnfitForTapeError: The file is not a tape, or is broken; for later blocks, while they are read.
     """
-    content = path.read_bytes()
-    line, _, rest = content.partition(b"\n")
+    line, _, rest = path.read_bytes().partition(b"\n")
     try:
-        fields = json.loads(line)
-        head = Head(**{**fields, "shape": tuple(fields["shape"])})
-    except (ValueError, KeyError, TypeError):
-        raise UnfitForTapeError(f"{path} does not begin like a tape of actions.") from None
+        head = Head.model_validate_json(line)
+    except ValidationError as error:
+        raise UnfitForTapeError(f"{path} does not begin like a tape of actions: {first_complaint(error)}.") from None
     if head.format != FORMAT:
         raise UnfitForTapeError(f"{path} has the format {head.format}; it must be {FORMAT}.")
     return head, _events(path, head, rest)
@@ -226,8 +241,9 @@ def _events(path: Path, head: Head, rest: bytes) -> Iterator[Event]:
             begin, end = offset + BLOCK.size, offset + BLOCK.size + length
             yield _event(head, letter, _inflate(rest[begin:end]))
         except (struct.error, zlib.error, ValueError, TypeError) as error:
+            said = first_complaint(error) if isinstance(error, ValidationError) else str(error)
             raise UnfitForTapeError(
-                f"{path} has a broken block, {len(rest) - offset} bytes before its end: {error}."
+                f"{path} has a broken block, {len(rest) - offset} bytes before its end: {said}."
             ) from None
         offset = end
 
@@ -243,8 +259,10 @@ def _inflate(compressed: bytes) -> bytes:
 
 def _event(head: Head, letter: bytes, content: bytes) -> Event:
     kind = letter.decode("ascii", "replace")
-    if kind in "RC":
-        return (Reset if kind == "R" else Close)(*json.loads(content))
+    if kind == "R":
+        return Reset(*WrittenReset.validate_json(content))
+    if kind == "C":
+        return Close(*WrittenClose.validate_json(content))
     if kind == "S" and head.num_envs:
         actions = head.unpack(content)
         return Steps(actions.reshape(-1, head.num_envs, *head.shape), None)

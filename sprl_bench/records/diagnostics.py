@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
-from sprl_bench.records.files import InvalidFileError, read
+from sprl_bench.records.files import InvalidFileError, read, read_bytes
 from sprl_bench.records.folder import METRICS, RECORD, SPEC, find_files
 from sprl_bench.records.types import RunRecord, RunSpec
 
@@ -39,7 +40,21 @@ def _spec_in(folder: Path) -> RunSpec:
 
 def _lines(path: Path) -> list[dict[str, Any]]:
     """Return the lines of a file of metrics; the last one may not be written to its end."""
+    lines = [parse_line(line) for line in read_bytes(path).split(b"\n")[:-1]]
+    if not all(lines):
+        raise InvalidFileError(f"{path} is broken; each line must be a JSON object of numbers, env_steps among them.")
+    return lines
+
+
+def parse_line(line: bytes) -> dict[str, Any]:
+    """Return a line of diagnostics; empty if it is broken."""
     try:
-        return [json.loads(line) for line in path.read_bytes().split(b"\n")[:-1]]
-    except ValueError:
-        raise InvalidFileError(f"{path} is broken; each line must be a JSON object.") from None
+        data = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    sound = isinstance(data, dict) and all(map(_is_number, data.values())) and data.get("env_steps") is not None
+    return data if sound else {}
+
+
+def _is_number(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and math.isfinite(value))

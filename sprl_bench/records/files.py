@@ -6,12 +6,14 @@ line in it, and the key.
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import secrets
 import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Final, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -21,6 +23,9 @@ from sprl_bench.records.places import Place, find_duplicate, find_line
 from sprl_bench.suggestions import did_you_mean
 
 SHOWN_LETTERS = 80
+MARKS: Final = MappingProxyType(
+    {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
+)
 LARGEST: Final = 2**26  # bytes of a file that is read; a record has about 10,000
 OURS = "Value error, "  # pydantic puts this before our own sentences
 
@@ -54,6 +59,7 @@ def read(path: Path, model: type[Model]) -> Model:
         FileNotFoundError: There is no such file.
     """
     content = read_bytes(path)
+    refuse_mark(path, content)
     try:
         data = model.model_validate_json(content)
     except ValidationError as error:
@@ -64,6 +70,19 @@ def read(path: Path, model: type[Model]) -> Model:
     return data
 
 
+def refuse_mark(path: Path, content: bytes) -> None:
+    """Refuse a file that begins with a byte-order mark, as some editors write it unasked.
+
+    Raises:
+        InvalidFileError: It does.
+    """
+    for mark, encoding in MARKS.items():
+        if content.startswith(mark):
+            raise InvalidFileError(
+                f"{path}:1: the file begins with a byte-order mark ({encoding}); it must be UTF-8 without one"
+            )
+
+
 def read_bytes(path: Path) -> bytes:
     """Return the content of a regular file of at most `LARGEST` bytes.
 
@@ -71,12 +90,23 @@ def read_bytes(path: Path) -> bytes:
         InvalidFileError: It is something else, such as a pipe, or larger.
         FileNotFoundError: There is no such file.
     """
+    size = require_regular(path)
+    if size > LARGEST:
+        raise InvalidFileError(f"{path} has {size:,} bytes; it must have at most {LARGEST:,}.")
+    return path.read_bytes()
+
+
+def require_regular(path: Path) -> int:
+    """Return the size of a regular file in bytes; reading a pipe or a device might never end.
+
+    Raises:
+        InvalidFileError: It is something else.
+        FileNotFoundError: There is no such file.
+    """
     status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         raise InvalidFileError(f"{path} is not a regular file; it must be one.")
-    if status.st_size > LARGEST:
-        raise InvalidFileError(f"{path} has {status.st_size:,} bytes; it must have at most {LARGEST:,}.")
-    return path.read_bytes()
+    return status.st_size
 
 
 def locate(path: Path, place: Place) -> int:

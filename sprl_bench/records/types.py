@@ -12,7 +12,7 @@ import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Final, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, JsonValue, ValidationError, model_validator
@@ -23,6 +23,7 @@ from sprl_bench.records.folder import RECORD, find_files, run_path
 from sprl_bench.tasks import Suite, Task
 
 SHOWN_LETTERS = 60
+LIMIT: Final = 2**53  # of whole numbers: every program reads smaller ones exactly
 FOLLOWING = {"preset", "differences", "hyperparameters_hash"}  # from the agent's name and all hyperparameters
 LONGEST_NAME = 200  # bytes, of the 255 that a file's name may have
 
@@ -61,9 +62,9 @@ Name = Annotated[
     str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable), AfterValidator(_file_name)
 ]
 Line = Annotated[str, Field(max_length=300), AfterValidator(_printable)]
-Count = Annotated[int, Field(ge=0, lt=2**53), BeforeValidator(_plain_integer)]
-Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
-Positive = Annotated[int, Field(gt=0, lt=2**53), BeforeValidator(_plain_integer)]
+Count = Annotated[int, Field(ge=0, lt=LIMIT), BeforeValidator(_plain_integer)]
+Whole = Annotated[int, Field(gt=-LIMIT, lt=LIMIT)]
+Positive = Annotated[int, Field(gt=0, lt=LIMIT), BeforeValidator(_plain_integer)]
 Bounded = Annotated[float, Field(ge=-1e300, le=1e300)]  # the sum of a curve is finite
 Amount = Annotated[float, Field(ge=0)]
 Information = Literal["relabelling", "resetting", "shaped"]
@@ -126,18 +127,29 @@ def hyperparameters_hash(hyperparameters: Mapping[str, Any]) -> str:
 
 def _short(value: Any) -> str:
     text = " ".join(repr(value).split())
-    return text if len(text) <= SHOWN_LETTERS else f"{text[:SHOWN_LETTERS]}... ({type(value).__name__})"
+    kind = "" if type(value) in (float, list, dict) else f" ({type(value).__module__}.{type(value).__qualname__})"
+    return f"{text[:SHOWN_LETTERS]}..." * (len(text) > SHOWN_LETTERS) + text * (len(text) <= SHOWN_LETTERS) + kind
 
 
 def _plain(name: Any, value: Any) -> Any:
     if not isinstance(name, str):
         raise ValueError(f"hyperparameters: the name {name!r} is not text")
+    unfit: list[Any] = []
     try:
-        return json.loads(json.dumps(value, allow_nan=False))
+        return json.loads(json.dumps(value, allow_nan=False, default=lambda inner: _number(inner, unfit)))
     except (TypeError, ValueError):
+        inner = f", which holds {_short(unfit[0])}" if unfit and unfit[0] is not value else ""
         raise ValueError(
-            f"hyperparameters: {name} is {_short(value)}; it must be plain: finite numbers, text, lists, dicts"
+            f"hyperparameters: {name} is {_short(value)}{inner}; it must be plain: finite numbers, text, lists, dicts"
         ) from None
+
+
+def _number(value: Any, unfit: list[Any]) -> Any:
+    """Return a NumPy scalar as Python's number; note anything else as unfit."""
+    if isinstance(value, np.generic):
+        return value.item()
+    unfit.append(value)
+    raise TypeError
 
 
 class RunSpec(Data):
@@ -297,7 +309,9 @@ class RunRecord(Data):
     versions: dict[Line, Line]
     git_commit: Line | None
     agent_code: Line | None = Field(
-        default=None, description='Hash of the file of an agent named as "package.module:attribute", or of the script.'
+        default=None,
+        description='Hash of the file of an agent named as "package.module:attribute", of the sources of an installed '
+        "agent's package, or of the script.",
     )
     hardware: Hardware
     wall_time_s: Amount

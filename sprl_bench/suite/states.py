@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
+from sprl_bench.records.diagnostics import parse_line
 from sprl_bench.records.files import OnBroken, refuse
 from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_files, is_locked
 
@@ -122,7 +122,7 @@ def _check_place(folder: Path, spec: RunSpec) -> None:
 
 def _recent(lines: Sequence[Mapping[str, Any]]) -> tuple[float | None, float | None]:
     """Return the return and the success of the last line with an episode that ended."""
-    told = [line for line in lines if line.get("return") is not None]
+    told = [line for line in lines if line.get("return") is not None and line.get("success") is not None]
     return (told[-1]["return"], told[-1]["success"]) if told else (None, None)
 
 
@@ -144,12 +144,5 @@ def _last_lines(path: Path) -> list[dict[str, Any]]:
             lines = file.read().split(b"\n")
     except FileNotFoundError:
         return []
-    return [line for line in map(_parsed, lines[1 if start else 0 : -1]) if line]
-
-
-def _parsed(line: bytes) -> dict[str, Any]:
-    """Return a line of diagnostics; empty if it is broken, which is no reason to show nothing."""
-    try:
-        return dict(json.loads(line))
-    except (ValueError, TypeError):
-        return {}
+    parsed = map(parse_line, lines[1 if start else 0 : -1])  # a broken line is no reason to show nothing
+    return [line for line in parsed if line.get("wall_time_s") is not None]

@@ -14,6 +14,7 @@ import numpy as np
 from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
+from sprl_bench.records.files import read_bytes, refuse_mark
 from sprl_bench.suggestions import unknown
 from sprl_bench.suite import expand
 from sprl_bench.sweeps.declaration import Declaration, Setting
@@ -44,10 +45,12 @@ def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, Ranges]:
         FileNotFoundError: There is no such file.
         ValueError: It is no such file, or lacks one of the agents.
     """
-    text = path.read_text(encoding="utf-8")
+    written = read_bytes(path)
+    refuse_mark(path, written)
     try:
+        text = written.decode()
         content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"range is {path}; it must be TOML, or JSON in a .json file: {error}.") from None
     if not isinstance(content, dict):
         raise ValueError(f"range is {path}; it must hold a table for each agent.")

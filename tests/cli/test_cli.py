@@ -153,7 +153,10 @@ def test_a_missing_extra_says_how_to_get_it(
 
     monkeypatch.setattr("sprl_bench.plots.plot", fail)
     status, line = refused(capsys, "plot", runs, "-o", tmp_path / "a.png")
-    assert (status, line) == (1, "matplotlib is not installed; install it with: pip install 'sprl-bench[plots]'")
+    assert (status, line) == (
+        1,
+        "matplotlib is not installed; install it with: pip install -c constraints.txt 'sprl-bench[plots]'",
+    )
 
 
 def test_a_table_in_each_format(capsys: Capture, runs: Path, tmp_path: Path) -> None:

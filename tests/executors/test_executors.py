@@ -26,7 +26,7 @@ def test_a_bad_executor_is_named(name: str, workers: Any, message: str) -> None:
 @pytest.mark.parametrize(("name", "module"), [("ray", "ray"), ("slurm", "submitit")])
 def test_a_missing_extra_says_how_to_get_it(name: str, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(ModuleNotFoundError, match=rf"pip install 'sprl-bench\[{name}\]'"):
+    with pytest.raises(ModuleNotFoundError, match=rf"pip install -c constraints.txt 'sprl-bench\[{name}\]'"):
         make_executor(name, 1)
 
 

@@ -46,7 +46,7 @@ class Picture:
         self._model = copy.copy(model)
         self._model.vis.global_.offwidth = self._model.vis.global_.offheight = _SIZE
         self._data = mujoco.MjData(self._model)
-        self._renderer = MujocoRenderer(
+        self._renderer: Any = MujocoRenderer(
             self._model, self._data, default_cam_config=DEFAULT_CAMERA_CONFIG, width=_SIZE, height=_SIZE
         )
 
@@ -101,13 +101,18 @@ def _give_back(viewer: Any) -> None:
     elif backend == "glfw":
         import glfw  # noqa: PLC0415 - needed with a display only
 
-        glfw.make_context_current(None)
+        glfw.make_context_current(None)  # type: ignore[arg-type] # its stub knows no null
 
 
 @functools.cache
 def _close_all_at_exit() -> None:
     """Release all contexts before the libraries that made them; what is registered last is called first."""
-    atexit.register(lambda: [picture.close() for picture in list(_OPEN)])
+    atexit.register(_close_all)
+
+
+def _close_all() -> None:
+    for picture in list(_OPEN):
+        picture.close()
 
 
 def _refuse_forked() -> None:

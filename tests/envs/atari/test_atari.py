@@ -363,7 +363,8 @@ def test_without_the_extra_the_ids_are_there_and_make_says_what_to_install() -> 
         "        print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    line = "The Atari games need ale_py: ale_py is not installed; install it with: pip install 'sprl-bench[atari]'."
+    install = "pip install -c constraints.txt 'sprl-bench[atari]'"
+    line = f"The Atari games need ale_py: ale_py is not installed; install it with: {install}."
     assert done.stdout.splitlines() == [line, line]
 
 
