@@ -98,13 +98,14 @@ def looks_of(agents: Iterable[str]) -> dict[str, Look]:
     """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes.
 
     A reference agent always has the same colour. Another agent has one that follows from its name, or the next free
-    one where another agent of the picture has that.
+    one where another agent of the picture has that. Where all are variants of one agent, each has a colour of its own.
     """
     looks: dict[str, Look] = {}
     colours = _colours_of(map(_family, agents := sorted(set(agents))))
+    dashes_first = len(colours) > 1
     for agent in sorted(agents, key=lambda name: (_family(name) != name, name)):
         colour = colours[_family(agent)]
-        wanted = [Look(colour, dashes) for dashes in DASHES]
+        wanted = [Look(colour, dashes) for dashes in (DASHES if dashes_first else DASHES[:1])]
         others = [Look(other, dashes) for dashes in DASHES for other in COLOURS]
         looks[agent] = next((look for look in (*wanted, *others) if look not in looks.values()), wanted[0])
     return dict(sorted(looks.items()))

@@ -92,6 +92,15 @@ def test_presets_of_an_agent_share_its_colour(make_record: MakeRecord) -> None:
     assert looks["sprl"][1] == looks["ppo"][1] == "-"
 
 
+def test_variants_of_one_agent_have_their_own_colours(make_record: MakeRecord) -> None:
+    """In a picture of k = 2, 3, 5 and 7 the dashes of one colour would be hard to tell apart."""
+    records = [make_record(agent) for agent in ("sprl", "sprl+k=3", "sprl+k=5", "sprl+k=7")]
+    figure = plots.draw_curves(tabulate(records), [Result.of(record) for record in records])
+    lines = figure.axes[0].get_lines()
+    assert len({line.get_color() for line in lines}) == 4
+    assert {line.get_linestyle() for line in lines} == {"-"}
+
+
 @pytest.mark.parametrize(
     "agents",
     [
