@@ -229,7 +229,7 @@ def _number_of_envs(events: Iterable[Event]) -> int:
 def _episodes_differ(path: Path, log: EpisodeLog) -> str:
     """Return where the episodes of a file are not those of a log, in one sentence."""
     here = log.episodes
-    there = _episodes_in(path, here.dtype.names or (), len(here))
+    there = _episodes_in(path, here.dtype.names or (), log.budget)
     if isinstance(there, str):
         return there
     for name in here.dtype.names or ():
@@ -240,11 +240,13 @@ def _episodes_differ(path: Path, log: EpisodeLog) -> str:
             first, end = places[0], here["stamp"][places[0]]
             values = f"the {name} {column[first]} in the file and {here[name][first]} in the replay"
             return f"episode {first}, which ends at env step {end}, has {values}"
+    if there.num_rows != len(here):
+        return f"the file has {there.num_rows} episodes and the replay {len(here)}"
     return ""
 
 
-def _episodes_in(path: Path, names: Sequence[str], count: int) -> Any:
-    """Return the table of a file of episodes, or why it is not the one of a replay; it is read only if its size fits.
+def _episodes_in(path: Path, names: Sequence[str], budget: int) -> Any:
+    """Return the table of a file of episodes, or why it is none of a run; more episodes than env steps are not read.
 
     Raises:
         NotReplayableError: It is no such table.
@@ -254,8 +256,8 @@ def _episodes_in(path: Path, names: Sequence[str], count: int) -> Any:
     require_regular(path)
     try:
         rows = parquet.ParquetFile(path).metadata.num_rows
-        if rows != count:
-            return f"the file has {rows} episodes and the replay {count}"
+        if rows > budget:
+            return f"the file has {rows} episodes, which do not fit into {budget} env steps"
         return parquet.read_table(path, columns=list(names), schema=None)
     except (ArrowException, OSError, LookupError) as error:
         text = printable(str(error), SHOWN_LETTERS)
