@@ -29,11 +29,11 @@ LAUNCHERS: Final = frozenset(
     """
     attrs certifi charset-normalizer click cloudpickle debugpy execnet filelock hypothesis idna iniconfig ipykernel
     ipython jedi jsonschema jsonschema-specifications markdown-it-py mdurl msgpack packaging parso pip pluggy
-    prompt-toolkit protobuf pygments pytest pytest-xdist pyyaml ray referencing requests rich rpds-py setuptools
+    prompt-toolkit protobuf pyarrow pygments pytest pytest-xdist pyyaml ray referencing requests rich rpds-py setuptools
     shellingham sortedcontainers submitit tqdm traitlets typer urllib3 wcwidth
     """.split()  # noqa: SIM905 - the list would take a line a name
 )
-"""Packages that start, show or submit runs, with what they need: none of them can move a score."""
+"""Packages that start, show, store or submit runs, with what they need: none of them can move a score."""
 MANY_COMMITS: Final = 6  # what fits a line of a record, at 47 letters with "-dirty" and a comma
 
 
@@ -105,7 +105,7 @@ def versions() -> dict[str, str]:
     """Return the versions of Python, of the platform, and of every installed package that this process has loaded.
 
     At the end of a run, everything that can move a number has been loaded, so no list of such packages is needed. Those
-    that only start, show or submit runs are left out: equal runs have equal versions, whoever started them.
+    that only start, show, store or submit runs are left out: equal runs have equal versions, whoever started them.
     """
     loaded = {name.partition(".")[0] for name in sys.modules}
     packages = {package for module in loaded for package in _packages_by_module().get(module, ())}

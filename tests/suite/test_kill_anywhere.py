@@ -1,12 +1,11 @@
 """A suite that is killed anywhere gives the files of one that was not, byte for byte, and leaves nothing else behind.
 
-Two domains, all agents, tiny budgets. CI tries 12 moments; `SPRL_KILLS=200` tries as many as it says.
+Two domains, tiny budgets. CI tries 12 moments with four agents; `SPRL_KILLS=200` tries as many as it says, with all.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import queue
 import random
@@ -16,22 +15,14 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import psutil
-import pytest
-from safetensors import safe_open
+from run_files import LASTING, files_of
 
-from sprl_bench.checkpoint import BrokenCheckpointError, load
-from sprl_bench.records import RunSpec
-from sprl_bench.records.folder import ACTIONS, CHECKPOINT, EPISODES, METRICS, RECORD, SPEC, WEIGHTS
-from sprl_bench.run import InterruptedRunError, run
-from sprl_bench.suite import expand
-from sprl_bench.tasks import find_suite
+from sprl_bench.records.folder import RECORD
 
 KILLS: Final = int(os.environ.get("SPRL_KILLS", "12"))
-CHANGING: Final = ("wall_time_s", "peak_memory_mib")  # of a record: how long it took
-LASTING: Final = {RECORD, EPISODES, METRICS, SPEC, WEIGHTS, ACTIONS}
 SERVER: Final = """
 import multiprocessing, os, signal, sys, tempfile, traceback
 from pathlib import Path
@@ -40,7 +31,8 @@ from sprl_bench.run import run
 from sprl_bench.suite import expand, run_suite
 from sprl_bench.tasks import find_suite
 
-AGENTS = "random,ppo,eco,sprl".split(",")
+MANY = int(os.environ.get("SPRL_KILLS", "12")) > 12
+AGENTS = ("random,ppo,eco,sprl" + ",icm,rnd,count,gt-grid,gt-sprl" * MANY).split(",")
 SPECS = [
     *expand(find_suite("smoke"), AGENTS, [0], budget=1_600),
     *expand(find_suite("fetch"), ["ppo"], [0], tasks=["FetchReach"], budget=1_600),
@@ -134,24 +126,6 @@ HOW: Final = [
 ]
 
 
-def files_of(out: Path) -> dict[str, Any]:
-    """Return all files below a folder: content, of records without their times, of metrics without theirs."""
-    return {str(path.relative_to(out)): _content(path) for path in sorted(out.rglob("*")) if path.is_file()}
-
-
-def _content(path: Path) -> Any:
-    if path.name == RECORD:
-        data = json.loads(path.read_bytes())
-        return {name: value for name, value in data.items() if name not in CHANGING}
-    if path.name == METRICS:
-        lines = [json.loads(line) for line in path.read_bytes().splitlines()]
-        return [{name: value for name, value in line.items() if name != "wall_time_s"} for line in lines]
-    if path.name == WEIGHTS:  # the order of a safetensors header is not fixed; the digest is of all content
-        with safe_open(path, framework="numpy") as file:
-            return file.metadata()
-    return path.read_bytes()
-
-
 def wait_for_the_group(suite: int) -> None:
     """Wait until no process of a suite is left, as an orphan of a killed parent must end by itself."""
     deadline = time.monotonic() + 60
@@ -194,32 +168,3 @@ def test_a_suite_that_is_killed_anywhere_ends_in_the_same_files(tmp_path: Path) 
     print(
         f"{kills} kills in {chains} suites of {len(list((tmp_path / 'whole').rglob(RECORD)))} runs: all files identical"
     )
-
-
-# --------------------------------------------------------------------------- other ends of the world
-
-
-def spec(agent: str = "ppo", budget: int = 3_200) -> RunSpec:
-    [one] = expand(find_suite("smoke"), [agent], [0], budget=budget)
-    return one
-
-
-@pytest.fixture(scope="module")
-def interrupted(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The files of a run that was stopped after its first update."""
-    out = tmp_path_factory.mktemp("interrupted")
-    with pytest.raises(InterruptedRunError):
-        run(spec(), out, stop=lambda: True)
-    return {path.name: path.read_bytes() for path in spec().path(out).iterdir()}
-
-
-def test_a_checkpoint_of_any_length_is_whole_or_broken(interrupted: dict[str, bytes], tmp_path: Path) -> None:
-    content, path = interrupted[CHECKPOINT], tmp_path / CHECKPOINT
-    generator = random.Random(0)
-    lengths = {*range(16), *(generator.randrange(len(content)) for _ in range(200)), len(content) - 1}
-    for length in sorted(lengths):
-        path.write_bytes(content[:length])
-        with pytest.raises(BrokenCheckpointError):
-            load(path)
-    path.write_bytes(content)
-    assert load(path)["spec"]
