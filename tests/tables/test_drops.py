@@ -22,7 +22,7 @@ def last_line(runs: list[RunRecord], **rest: object) -> str:
     return render(tabulate(runs, **rest), "md").rstrip().splitlines()[-1]  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("form", set(FORMATS) - {"csv"})
+@pytest.mark.parametrize("form", sorted(set(FORMATS) - {"csv"}))
 def test_every_table_has_the_line(form: str, grid_7x7: list[RunRecord]) -> None:
     text = render(tabulate(grid_7x7), form)
     assert ('"planned": 20' if form == "json" else "Drops: none of 20 planned runs.") in text
