@@ -36,6 +36,7 @@ def reproduce(
 ) -> int:
     """Run one of the paper's experiments, draw its figure and judge its claim; the same command again continues."""
     from sprl_bench import studies
+    from sprl_bench.suite import too_short
 
     if study == "list":
         for row in studies.STUDIES.values():
@@ -54,14 +55,17 @@ def reproduce(
     evidence = _entries(board, specs) if board else _runs(study, specs, runs, out)
     verdict = chosen.judge(evidence, agents)
     missing = studies.missing_runs(specs, evidence)
+    short = too_short(specs)
     command = _command(study, seeds, budget_share, base, task, board, out)
     out.mkdir(parents=True, exist_ok=True)
-    for path in studies.write_study(chosen, evidence, verdict, out, command=command, missing=missing):
+    for path in studies.write_study(chosen, evidence, verdict, out, command=command, missing=missing, short=short):
         typer.echo(f"Wrote {path}.", err=True)
     typer.echo(f"Claim:   {chosen.claim}")
     typer.echo(f"Verdict: {verdict.short}")
     for difference in verdict.differences:
         typer.echo(f"         {difference}")
+    for sentence in short:
+        typer.echo(f"Note:    {sentence}")
     if missing:
         typer.echo(f"{len(missing)} of {len(specs)} runs are missing: {missing[0]}, ...", err=True)
     return 1 if failed else 0
@@ -73,6 +77,7 @@ def _train(specs: Sequence[RunSpec], out: Path, executor: str, workers: int, *, 
     from sprl_bench.progress import make_observer
     from sprl_bench.suite import run_suite
 
+    typer.echo(f"{len(specs)} runs, {sum(spec.task.budget for spec in specs):,} env steps.", err=True)
     note_short_budgets(specs)
     works = make_executor(executor, workers)
     outcomes = run_suite(specs, out, executor=works, observer=make_observer(), keep_actions=keep_actions)
@@ -104,10 +109,10 @@ def _none_of_these(study: str, specs: Sequence[RunSpec], runs: Path) -> str:
     from sprl_bench.records import find_records
 
     there = sorted({f"{one.spec.agent} on {one.spec.task.name}, seed {one.spec.seed}" for one in find_records(runs)})
-    first = specs[0]
+    first, more = specs[0], f" and {len(there) - 3} more" * (len(there) > 3)
     return (
         f"{runs} holds no finished run of {study} with these seeds and budgets, such as {first.agent} on "
-        f"{first.task.name}, seed {first.seed}; it holds {'; '.join(there[:3])}{' ...' * (len(there) > 3)}."
+        f"{first.task.name}, seed {first.seed}; it holds {'; '.join(there[:3])}{more}."
         if there
         else f"{runs} holds no finished run; {study} needs {len(specs)}."
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,7 +65,8 @@ def sweep(
     declaration = _declaration(suite, names, range_, _seeds(seeds, suite), budget_share, samples, sampling_seed, task)
     specs = sweeps.specs_of(declaration, device)
     typer.echo(
-        f"{len(declaration.names)} settings on {len(declaration.tasks)} tasks with {len(declaration.seeds)} seeds: "
+        f"{_counted(declaration.names, 'setting')} on {_counted(declaration.tasks, 'task')} with "
+        f"{_counted(declaration.seeds, 'seed')}: "
         f"{declaration.num_runs} runs, {declaration.env_steps:,} env steps.",
         err=True,
     )
@@ -81,6 +83,10 @@ def sweep(
         typer.echo(f"{failed} of {len(outcomes)} runs failed; the same command tries them again.", err=True)
     typer.echo(f"Next:    sprl-bench sweep report {out}")
     return 1 if failed else 0
+
+
+def _counted(things: Sized, name: str) -> str:
+    return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
 
 
 def _declaration(

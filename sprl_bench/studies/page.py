@@ -13,8 +13,8 @@ from sprl_bench.studies.verdicts import Verdict
 from sprl_bench.tables import render, split_suites, tabulate_results
 
 INTERVALS: Final = (
-    "Bootstrap intervals; over few seeds they are somewhat too narrow. Seeds are not paired: the same seed of two "
-    "agents is two independent runs, so even agents that do the same have an interval around 0, and not 0 itself."
+    "Bootstrap intervals; over few seeds they are somewhat too narrow. The seeds of two agents are resampled "
+    "independently, so agents with the same runs have a difference of 0 with an interval around it."
 )
 STEMS: Final = (".md", ".png", ".pdf")
 
@@ -27,6 +27,7 @@ def write_study(
     *,
     command: str,
     missing: Sequence[str] = (),
+    short: Sequence[str] = (),
 ) -> list[Path]:
     """Write the page and the figure, as PNG and PDF, and return their paths.
 
@@ -37,13 +38,14 @@ def write_study(
         folder: Where to write.
         command: That repeats it.
         missing: The names of runs that are not finished.
+        short: Sentences on runs that are too short to answer.
 
     Raises:
         ModuleNotFoundError: matplotlib, of the extra `plots`, is not installed.
     """
     page, *pictures = (folder / f"{study.name}{suffix}" for suffix in STEMS)
     drawn = [picture for picture in pictures if _draw(study, evidence, picture)]
-    write_bytes(page, _page(study, evidence, verdict, command, missing, bool(drawn)).encode())
+    write_bytes(page, _page(study, evidence, verdict, command, missing, short, bool(drawn)).encode())
     return [page, *drawn]
 
 
@@ -69,7 +71,13 @@ def _has_axis(study: Study, evidence: Evidence) -> bool:
 
 
 def _page(
-    study: Study, evidence: Evidence, verdict: Verdict, command: str, missing: Sequence[str], has_figure: bool
+    study: Study,
+    evidence: Evidence,
+    verdict: Verdict,
+    command: str,
+    missing: Sequence[str],
+    short: Sequence[str],
+    has_figure: bool,
 ) -> str:
     lines = [
         f"# {study.name}: {study.title}",
@@ -89,6 +97,8 @@ def _page(
         lines += [numbers, ""]
     if evidence.results:
         lines += [*_runs(evidence), *_unnamed(study, evidence), "", _tables(evidence), ""]
+    if short:
+        lines += [*(f"**Too short.** {sentence}" for sentence in short), ""]
     if missing:
         lines += [f"**Missing.** {len(missing)} runs: {'; '.join(missing[:5])}{' ...' * (len(missing) > 5)}.", ""]
     return "\n".join([*lines, "```", command, "```", ""])

@@ -101,14 +101,21 @@ class Study:
         if len({(name.source, name.preset) for name in own}) > 1:
             raise ValueError(f"base is {base!r}; it must be left out, as {self.name} compares different agents.")
         new = AgentName.parse(base)
+        if given := sorted(self._varying(own) & set(new.differences)):
+            raise ValueError(f"base is {base!r}; it must leave out {given[0]}, which {self.name} varies.")
         variants = [replace(new, differences={**new.differences, **values}) for values in self._varied(own)]
         return tuple(plainest(variant, self._domain).full for variant in variants)
 
     def _varied(self, own: Sequence[AgentName]) -> list[dict[str, Any]]:
         """Return the values of each agent that are not the same in all, such as its k."""
-        keys = {key for name in own for key in name.differences if not all(key in one.differences for one in own)}
+        keys = self._varying(own)
         resolved = [hyperparameters_of(name, self._domain).values for name in own]
         return [{key: values[key] for key in sorted(keys)} for values in resolved]
+
+    @staticmethod
+    def _varying(own: Sequence[AgentName]) -> set[str]:
+        """Return what some of the agents name and others do not."""
+        return {key for name in own for key in name.differences if not all(key in one.differences for one in own)}
 
     @property
     def _domain(self) -> str:

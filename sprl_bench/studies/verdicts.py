@@ -103,7 +103,7 @@ class Verdict:
             return ""
         needed = [one.more_seeds for one in self.differences if one.more_seeds is not None]
         if not needed and all(one.interval is not None for one in self.differences):
-            return "Every difference is 0, so no number of seeds would decide."
+            return "Every difference is 0: these runs do not tell the agents apart."
         if not needed:
             return "One seed decides nothing; run at least two, better five."
         most = max(needed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -90,10 +90,22 @@ def declare(declaration: Declaration, folder: Path) -> None:
     there, now = (one.model_dump(mode="json") for one in (read_declaration(folder), declaration))
     for name in now:
         if there[name] != now[name]:
+            before, after = _told(there[name], now[name])
             raise ChangedSweepError(
-                f"{folder} holds another sweep: {name} is {_short(there[name])} there and {_short(now[name])} now. Use "
+                f"{folder} holds another sweep: {name} is {before} there and {after} now. Use "
                 "another --out, or remove that folder."
             )
+
+
+def _told(there: Any, now: Any) -> tuple[str, str]:
+    """Return both values as short texts that differ: lists of the same keys by their lengths."""
+    before, after = _short(there), _short(now)
+    if before != after or not isinstance(there, Mapping):
+        return before, after
+    key = next(key for key in there if there[key] != now[key])
+    if len(there[key]) != len(now[key]):
+        return f"{len(there[key])} of {key}", f"{len(now[key])} of {key}"
+    return f"{key} with some values", f"{key} with others"
 
 
 def _short(value: object) -> str:

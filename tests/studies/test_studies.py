@@ -115,6 +115,8 @@ def test_another_base_keeps_what_varies() -> None:
         assert [spec.hyperparameters["k"] for spec in specs] == [2, 3, 5, 7]
     with pytest.raises(ValueError, match="base is 'sprl'; it must be left out, as fig15 compares different agents"):
         STUDIES["fig15"].on_base("sprl")
+    with pytest.raises(ValueError, match=r"base is 'sprl\+k=3'; it must leave out k, which fig10 varies"):
+        STUDIES["fig10"].on_base("sprl+k=3")
 
 
 def test_other_runs_in_the_folder_are_not_evidence(make_record: MakeRecord, tmp_path: Path) -> None:
@@ -169,6 +171,9 @@ def test_it_runs_to_the_end_and_again_from_what_is_there(
     status, printed, err = call(capsys, *command)
     assert status == 0, err
     assert "Verdict: Not decided" in printed
+    is_short = "are not in use before env step" in printed
+    assert is_short is ("**Too short.**" in (tmp_path / f"{name}.md").read_text())
+    assert is_short
     page = (tmp_path / f"{name}.md").read_text()
     assert f"sprl-bench reproduce {name} --seeds 1 --budget-share {share}" in page
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob(RECORD)}

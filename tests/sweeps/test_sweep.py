@@ -103,6 +103,9 @@ def test_a_declaration_is_kept_and_no_other_is_taken(tmp_path: Path) -> None:
     sweeps.declare(declared(), tmp_path / "sweep")
     with pytest.raises(ChangedSweepError, match=r"holds another sweep: seeds is \[100, 101\] there and \[100\] now"):
         sweeps.declare(declared(seeds=(100,)), tmp_path / "sweep")
+    fewer = {"sprl": declared().settings["sprl"][:3]}
+    with pytest.raises(ChangedSweepError, match="settings is 4 of sprl there and 3 of sprl now"):
+        sweeps.declare(declared(settings=fewer), tmp_path / "sweep")
     with pytest.raises(FileNotFoundError, match="holds no sweep"):
         sweeps.read_declaration(tmp_path)
     assert (declared().num_runs, declared().env_steps) == (16, 20_000_000)
@@ -182,7 +185,7 @@ def test_from_the_command_to_the_choice(capsys: Capture, tmp_path: Path) -> None
     ]
     status, printed, err = call(capsys, *command, "--dry-run")
     assert status == 0
-    assert "4 settings on 1 tasks with 2 seeds: 8 runs, 8,000 env steps." in err
+    assert "4 settings on 1 task with 2 seeds: 8 runs, 8,000 env steps." in err
     assert len(printed.splitlines()) == 4
     assert not (tmp_path / "out").exists()
     status, printed, err = call(capsys, *command)
