@@ -314,7 +314,11 @@ def test_the_command_films_and_tells_of_each_episode(
         (["SPRL/FourRoms-7x7-v1"], 2, "Unknown environment 'SPRL/FourRoms-7x7-v1'; did you mean 'SPRL/FourRooms-7x7"),
         (["sprl_bench:SPRL/Rooms-v1"], 2, "Rooms"),
         (["nowhere:SPRL/Rooms-v1"], 1, "nowhere"),
-        ([GRID, "--arg", "size=3"], 2, "takes no argument 'size' (got size=3); it takes render_mode."),
+        (
+            [GRID, "--arg", "size=3"],
+            2,
+            "unexpected keyword argument 'size' (value 3); it takes observation, render_mode.",
+        ),
         ([FETCH, "--arg", "n_substeps=3"], 2, "Did you mean 'substep'?"),
         ([FETCH, "--arg", "substep=0"], 2, "substep is 0; it must be an integer from 1 to 500."),
         ([FETCH, "--arg", "substep=2.5"], 2, "substep is 2.5; it must be an integer from 1 to 500."),

@@ -56,6 +56,8 @@ def refuse_unknown(
 ) -> None:
     """Raise an error for unknown keyword arguments; it suggests the nearest known name.
 
+    It begins with Python's own words, because libraries look for them: TorchRL tries again without `frameskip`.
+
     Args:
         where: The name of the class or function that was called.
         unknown: The unknown arguments; no error if it is empty.
@@ -68,7 +70,7 @@ def refuse_unknown(
     known = sorted(allowed)
     for name, value in unknown.items():
         raise TypeError(
-            f"{where} takes no argument {name!r} (got {name}={value!r}); it takes {', '.join(known)}."
+            f"{where}() got an unexpected keyword argument {name!r} (value {value!r}); it takes {', '.join(known)}."
             f"{_suggestion(elsewhere.get(name, name), known)}"
         )
 

@@ -89,6 +89,11 @@ class BatchedEnv(Engine):
         self._allocate()
         self._everyone = np.ones(self.num_envs, np.bool_)
 
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """When a sub-environment is reset; under the name that `SyncVectorEnv` has for it."""
+        return self._mode
+
     def reset(
         self,
         *,
@@ -154,7 +159,7 @@ class BatchedEnv(Engine):
         if not len(rows):
             return {}
         final_obs = np.empty(self.num_envs, dtype=object)
-        for row, observation in zip(rows.tolist(), self._observations[rows], strict=True):
+        for row, observation in zip(rows.tolist(), self._shown(self._observations[rows]), strict=True):
             final_obs[row] = observation
         finals = {"final_obs": final_obs, "final_info": self._infos(ended, rows)}
         self._begin(rows)
@@ -187,10 +192,15 @@ class BatchedEnv(Engine):
             infos[f"_{name}"] = self._everyone.copy()
         return infos
 
+    def _shown(self, observations: Array) -> Array:
+        """Return what an agent sees of the engine's own observations [K, ...]; a task may have several forms."""
+        return observations
+
     def _current_observations(self) -> Array:
+        shown = self._shown(self._observations)
         if self._copy:
-            return self._observations.copy()
-        held = self._observations.view()
+            return shown.copy() if np.may_share_memory(shown, self._observations) else shown
+        held = shown.view()
         held.flags.writeable = False
         return held
 

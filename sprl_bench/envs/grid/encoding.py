@@ -5,6 +5,7 @@ The numbers are Minigrid's. They are repeated here so that the engine and the so
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import Final
 
 # Channel 0: the type of the object in the cell.
@@ -39,6 +40,19 @@ DROP: Final = 4
 TOGGLE: Final = 5
 DONE: Final = 6
 NUM_ACTIONS: Final = 7
+
+
+class Action(IntEnum):
+    """The actions by name; each is also its number."""
+
+    LEFT = TURN_LEFT
+    RIGHT = TURN_RIGHT
+    FORWARD = FORWARD
+    PICKUP = PICKUP
+    DROP = DROP
+    TOGGLE = TOGGLE
+    DONE = DONE
+
 
 HORIZON: Final = 100
 """Steps after which an episode is truncated; also the divisor in the reward."""

@@ -56,6 +56,9 @@ class FourRooms(GridEnv):
     ## Arguments
 
     - `render_mode`: None, `"rgb_array"` or `"human"`.
+    - `observation`: `"cells"` (above); `"flat"`, the same numbers as `Box(0, 255, (3 * S * S,), uint8)`; or
+      `"one-hot"`, `Box(0, 1, (11 * S * S,), float32)`, for each cell a 1 at the number of what is there: empty, wall,
+      key, goal, open door, closed door, locked door, agent to the right, down, left, up. Task and score are the same.
 
     ## Registered Configurations
 

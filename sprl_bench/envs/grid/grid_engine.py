@@ -7,41 +7,58 @@ from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box, Discrete
+from gymnasium.spaces import Discrete
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from sprl_bench.envs.checks import VECTOR_ARGUMENTS, check_choice, refuse_unknown
 from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.grid import dynamics
 from sprl_bench.envs.grid.encoding import AGENT, DOOR, EMPTY, GOAL, NUM_ACTIONS, RED, WALL
 from sprl_bench.envs.grid.four_rooms import FourRooms7x7, FourRooms11x11
 from sprl_bench.envs.grid.grid_env import GridEnv
 from sprl_bench.envs.grid.key_doors import KeyDoors7x7, KeyDoors11x11
+from sprl_bench.envs.grid.observations import CELLS, FORMS, shown, space_of
 from sprl_bench.envs.streams import STREAM_LIMBS, seed_streams, to_generator
 from sprl_bench.envs.vector import BatchedEnv
 
 
 class GridEngine(BatchedEnv):
-    """N grids stepped by compiled kernels. The arguments are those of `BatchedEnv`."""
+    """N grids stepped by compiled kernels.
+
+    Args:
+        num_envs: Number of sub-environments N.
+        observation: As in `GridEnv`. The state of the engine is the same in each form.
+        arguments: The arguments of `BatchedEnv`.
+    """
 
     metadata = GridEnv.metadata
     grain = 2048
     single: ClassVar[type[GridEnv]]
     restart_kernel: ClassVar[Callable[..., None]]
 
-    def __init__(self, num_envs: int = 1, **arguments: Any) -> None:
-        size = self.single.size
+    def __init__(self, num_envs: int = 1, *, observation: str = CELLS, **arguments: Any) -> None:
+        unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
+        refuse_unknown(type(self).__name__, unknown, ["observation", *VECTOR_ARGUMENTS])
+        check_choice("observation", observation, FORMS)
         super().__init__(
             num_envs,
-            single_observation_space=Box(0, 255, (size, size, 3), np.uint8),
+            single_observation_space=space_of(CELLS, self.single.size),
             single_action_space=Discrete(NUM_ACTIONS),
             **arguments,
         )
+        self.observation = observation
+        self.single_observation_space = space_of(observation, self.single.size)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._agents = np.zeros((self.num_envs, 3), np.int64)
         self._beneath = np.zeros((self.num_envs, 3), np.uint8)
         self._carrying = np.zeros(self.num_envs, np.bool_)
         self._streams = np.zeros((self.num_envs, STREAM_LIMBS), np.uint64)
         self._actions = np.zeros(self.num_envs, np.int64)
         self._is_success = np.zeros(self.num_envs, np.bool_)
+
+    def _shown(self, observations: Array) -> Array:
+        return shown(self.observation, observations)
 
     def _seed(self, rows: Rows, seeds: list[int]) -> None:
         seed_streams(self._streams, rows, seeds)
@@ -119,7 +136,7 @@ class GridEngine(BatchedEnv):
         )
 
     def _single(self) -> GridEnv:
-        return self.single(render_mode=self.render_mode)
+        return self.single(render_mode=self.render_mode, observation=self.observation)
 
 
 class FourRooms7x7Engine(GridEngine):

@@ -10,7 +10,6 @@ from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
-from gymnasium.spaces import Box
 from minigrid.core.grid import Grid
 from minigrid.core.mission import MissionSpace
 from minigrid.core.world_object import Key
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import check_choice, check_integer, refuse_unknown
 from sprl_bench.envs.grid.encoding import AGENT, EMPTY, HORIZON, NUM_ACTIONS, RED
+from sprl_bench.envs.grid.observations import CELLS, FORMS, shown, space_of
 
 _EMPTY_CELL = bytes((EMPTY, 0, 0))
 
@@ -28,13 +28,15 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
 
     Args:
         render_mode: None, `"rgb_array"` or `"human"`.
+        observation: `"cells"`, `"flat"` or `"one-hot"`: the form of the observations.
     """
 
     size: ClassVar[int]
     mission: str
 
-    def __init__(self, *, render_mode: str | None = None, **unknown: Any) -> None:
-        refuse_unknown(type(self).__name__, unknown, ["render_mode"])
+    def __init__(self, *, render_mode: str | None = None, observation: str = CELLS, **unknown: Any) -> None:
+        refuse_unknown(type(self).__name__, unknown, ["observation", "render_mode"])
+        check_choice("observation", observation, FORMS)
         check_choice("render_mode", render_mode, [None, *self.metadata["render_modes"]])
         super().__init__(
             MissionSpace(self._mission),
@@ -44,16 +46,17 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
             render_mode=render_mode,
             highlight=False,
         )
-        self.observation_space = Box(0, 255, (self.size, self.size, 3), np.uint8)
+        self.observation = observation
+        self.observation_space = space_of(observation, self.size)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.uint8], dict[str, Any]]:
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Start an episode. A `seed` determines this and all following episodes."""
         observation, _ = super().reset(seed=seed, options=options)
         return observation, self._information(False)
 
-    def step(self, action: int) -> tuple[NDArray[np.uint8], float, bool, bool, dict[str, Any]]:
+    def step(self, action: int) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one action. Reaching the goal on the last step of the horizon terminates and does not truncate.
 
         Raises:
@@ -64,7 +67,11 @@ class GridEnv(MiniGridEnv):  # type: ignore[misc]  # minigrid ships no types
         observation, reward, terminated, truncated, _ = super().step(action)
         return observation, float(reward), terminated, truncated and not terminated, self._information(terminated)
 
-    def gen_obs(self) -> NDArray[np.uint8]:
+    def gen_obs(self) -> NDArray[Any]:
+        """Return the whole grid in the chosen form."""
+        return shown(self.observation, self.whole_grid())
+
+    def whole_grid(self) -> NDArray[np.uint8]:
         """Return the whole grid as [row y, column x, (type, colour, state)], with the agent in its cell."""
         cells = [_EMPTY_CELL if cell is None else bytes(cell.encode()) for cell in self.grid.grid]
         x, y = self.agent_pos
