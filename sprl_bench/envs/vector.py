@@ -89,6 +89,11 @@ class BatchedEnv(Engine):
         self._allocate()
         self._everyone = np.ones(self.num_envs, np.bool_)
 
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """When a sub-environment is reset; under the name that `SyncVectorEnv` has for it."""
+        return self._mode
+
     def reset(
         self,
         *,

@@ -90,6 +90,11 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
 
+    @property
+    def autoreset_mode(self) -> AutoresetMode:
+        """That of the environment; libraries such as TorchRL ask for it here."""
+        return self.episode_log.autoreset
+
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; the unfinished episodes that this ends count as failures.
 

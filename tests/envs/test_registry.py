@@ -121,9 +121,9 @@ def test_every_vectorization_mode_is_the_same_environment() -> None:
 
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_arguments_that_do_not_exist_are_named_with_a_suggestion(make) -> None:
-    with pytest.raises(TypeError, match=r"no argument 'rendermode' .*Did you mean 'render_mode'\?"):
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'rendermode' .*Did you mean 'render_mode'\?"):
         make(IDS[0], rendermode="human")
-    with pytest.raises(TypeError, match="no argument 'size'"):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'size'"):
         make(IDS[0], size=9)
 
 

@@ -289,7 +289,7 @@ def test_bad_actions_are_refused_and_change_nothing() -> None:
     ("arguments", "message"),
     [
         ({"substep": 0}, r"substep is 0; it must be an integer from 1 to 500"),
-        ({"frame_skip": 3}, r"'frame_skip' \(got frame_skip=3\).* Did you mean 'substep'"),
+        ({"frame_skip": 3}, r"'frame_skip' \(value 3\).* Did you mean 'substep'"),
         ({"num_thread": 3}, r"Did you mean 'num_threads'"),
         ({"num_threads": 0}, r"num_threads is 0; it must be an integer of at least 1"),
         ({"autoreset_mode": "samestep"}, r"Did you mean 'SameStep'"),

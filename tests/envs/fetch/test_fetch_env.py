@@ -98,7 +98,7 @@ def test_the_specs_serialise_and_the_module_form_works_in_other_processes() -> N
         ({"terminate_on_goal": 1}, "terminate_on_goal is 1; it must be True or False"),
         ({"observation": "Goal"}, "observation is 'Goal'; it must be one of 'flat', 'goal'. Did you mean 'goal'?"),
         ({"render_mode": "rgb"}, "render_mode is 'rgb'; it must be one of None, 'human', 'rgb_array'"),
-        ({"n_substeps": 3}, "no argument 'n_substeps' (got n_substeps=3); it takes action_noise, observation, "),
+        ({"n_substeps": 3}, "unexpected keyword argument 'n_substeps' (value 3); it takes action_noise, observation, "),
         ({"frame_skip": 3}, "terminate_on_goal. Did you mean 'substep'?"),
         ({"sub_step": 3}, "Did you mean 'substep'?"),
         ({"noise": 3}, "terminate_on_goal. Did you mean 'action_noise'?"),

@@ -252,7 +252,7 @@ def test_fog_darkens_the_picture_and_changes_nothing_else() -> None:
         (
             {"min_goal_distance": 3},
             TypeError,
-            r"no argument 'min_goal_distance' .*Did you mean 'minimum_goal_distance'",
+            r"unexpected keyword argument 'min_goal_distance' .*Did you mean 'minimum_goal_distance'",
         ),
         ({"fires": True}, TypeError, r"Did you mean 'fire'\?"),
     ],
