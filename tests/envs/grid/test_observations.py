@@ -83,6 +83,16 @@ def test_an_unknown_argument_is_refused_in_pythons_words(make: object, env_id: s
         make(env_id, frameskip=1)
 
 
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep", "Disabled"])
+def test_the_autoreset_mode_has_the_name_of_sync_vector_env(mode: str, tmp_path: Path) -> None:
+    """TorchRL's `GymWrapper` reads it, recorded or not."""
+    envs = gymnasium.make_vec(KEY_DOORS, num_envs=2, autoreset_mode=mode)
+    reference = SyncVectorEnv([lambda: gymnasium.make(KEY_DOORS)], autoreset_mode=mode)
+    recorded = sprl_bench.record(envs, out=tmp_path, agent="mine", seed=0)
+    assert envs.autoreset_mode == recorded.autoreset_mode == reference.autoreset_mode
+    recorded.close()
+
+
 @pytest.mark.parametrize("form", FORMS[1:])
 def test_task_and_score_do_not_depend_on_the_form(form: str, tmp_path: Path) -> None:
     """The same actions give the same record of the same task, whatever the agent sees."""
