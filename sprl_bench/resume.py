@@ -78,7 +78,8 @@ def load_checkpoint(path: Path, spec: RunSpec, here: Provenance) -> dict[str, An
 
 def other_build(path: Path, error: Exception) -> CheckpointRefusedError:
     """Return the refusal of a checkpoint whose state this build of the package cannot take."""
-    text = printable(str(error), SHOWN_LETTERS)
+    cause = error.args[0] if isinstance(error, KeyError) and error.args else error  # its text would be in quotes
+    text = printable(str(cause), SHOWN_LETTERS)
     return CheckpointRefusedError(
         f"{path} was made by another build of sprl-bench ({text}): continue with that one, or remove it to start over."
     )

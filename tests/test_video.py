@@ -121,16 +121,19 @@ def test_a_policy_of_one_s_own(tmp_path: Path) -> None:
     assert all(np.abs(start.astype(int) - other).max() > 100 for other in between)
     [episode] = record_video(GRID, tmp_path / "b.gif", policy=lambda _: 0, arguments={"max_episode_steps": 4})
     assert episode == Episode(4, 0.0, False)
-    for name in ("film_fakes:FORWARD", "film_fakes:backward", "film_fakes:"):
+    for name in ("film_fakes:FORWARD", "film_fakes:backward"):
         with pytest.raises(ValueError, match=f"policy is '{name}'; it must be"):
             find_actor(name)
+    with pytest.raises(ValueError, match=r"'film_fakes:'; it must be package.module:attribute"):
+        find_actor("film_fakes:")
 
 
 def test_a_film_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "a.gif"
     path.write_text("what was there")
-    with pytest.raises(ZeroDivisionError):
+    with pytest.raises(ValueError, match="policy is 'film_fakes:failing'; it raised ZeroDivisionError") as failure:
         record_video(GRID, path, policy="film_fakes:failing")
+    assert isinstance(failure.value.__cause__, ZeroDivisionError)
     assert path.read_text() == "what was there"
     assert list(tmp_path.iterdir()) == [path]
     record_video(GRID, path, policy="solver")

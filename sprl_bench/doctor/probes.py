@@ -40,6 +40,8 @@ def _drawing() -> Answer:
     import gymnasium
     import numpy as np
 
+    from sprl_bench.envs.fetch.picture import drivers
+
     env = gymnasium.make("SPRL/FetchReachSparse-v1", render_mode="rgb_array")
     env.reset(seed=0)
     env.render()
@@ -48,7 +50,7 @@ def _drawing() -> Answer:
     seconds = time.perf_counter() - started
     if len(np.unique(picture)) == 1:
         raise RuntimeError("the picture is empty")
-    answer = {"backend": _backend(), "driver": _driver(), "shape": picture.shape[:2], "seconds": seconds}
+    answer = {"backend": _backend(), "driver": drivers().pop(), "shape": picture.shape[:2], "seconds": seconds}
     env.close()
     return answer
 
@@ -56,12 +58,6 @@ def _drawing() -> Answer:
 def _backend() -> str:
     """Return the OpenGL backend: MuJoCo tries them in this order, so it is the last one loaded."""
     return [name for name in ("glfw", "egl", "osmesa") if f"mujoco.{name}" in sys.modules][-1]
-
-
-def _driver() -> str:
-    from OpenGL import GL
-
-    return bytes(GL.glGetString(GL.GL_RENDERER)).decode()
 
 
 PROBES: Mapping[str, tuple[tuple[str, ...], Callable[[], Answer]]] = MappingProxyType(

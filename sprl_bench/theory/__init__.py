@@ -1,12 +1,13 @@
 """The shortest-path constraint on small worlds, exactly: what it prunes, and that the optimum satisfies it.
 
-`worlds.py` has deterministic worlds and their distances; `trajectories.py` counts what the constraint leaves (Section
+`small_worlds.py` has deterministic worlds and their distances; `counting.py` counts what the constraint leaves (Section
 6.6); `values.py` has stochastic worlds, values and optimal policies; `options.py` has what leads from one reward to the
 next, and checks the constraint of a policy (Theorem 1). Nothing is trained.
 """
 
 from __future__ import annotations
 
+from sprl_bench.theory.counting import Counts, count_trajectories, is_admissible, shares, steps_to_goal
 from sprl_bench.theory.options import (
     best_masses,
     lost_masses,
@@ -16,16 +17,7 @@ from sprl_bench.theory.options import (
     transition_masses,
     visited,
 )
-from sprl_bench.theory.trajectories import Counts, count_trajectories, is_admissible, shares, steps_to_goal
-from sprl_bench.theory.values import (
-    RewardedWorld,
-    best_policy,
-    best_values,
-    policy_transitions,
-    policy_values,
-    rewarded,
-)
-from sprl_bench.theory.worlds import (
+from sprl_bench.theory.small_worlds import (
     World,
     cardinal_world,
     distances,
@@ -33,6 +25,14 @@ from sprl_bench.theory.worlds import (
     num_reachable,
     pose_world,
     shortest_path,
+)
+from sprl_bench.theory.values import (
+    RewardedWorld,
+    best_policy,
+    best_values,
+    policy_transitions,
+    policy_values,
+    rewarded,
 )
 
 __all__ = [

@@ -16,8 +16,8 @@ from typing import Final
 
 import numpy as np
 
+from sprl_bench.theory.small_worlds import Flags
 from sprl_bench.theory.values import Floats, RewardedWorld, policy_transitions
-from sprl_bench.theory.worlds import Flags
 
 TOLERANCE: Final = 1e-9  # of masses, which are at most 1
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sprl_bench.envs.checks import check_array, check_integer
-from sprl_bench.theory.worlds import Flags, World
+from sprl_bench.theory.small_worlds import Flags, World
 
 Floats = NDArray[np.float64]
 

@@ -123,8 +123,10 @@ def test_an_argument_that_the_id_fixes_tells_two_tasks_apart() -> None:
     assert [task.name for task in tasks] == ["FrozenLake8x8-v1-500", "FrozenLake8x8-v1-map_name-4x4-500"]
 
 
-def test_nothing_is_an_argument_too() -> None:
-    assert choose_task(Identity("Any-v0", {"x": None}, {}), None, 500)[1].arguments == {"x": None}
+def test_nothing_is_no_argument_of_a_record() -> None:
+    """A record holds text, booleans and numbers; None is refused in a sentence unless it is the default."""
+    with pytest.raises(ValueError, match="x is None; as an argument of Any-v0 in a record it must be text, a boolean"):
+        choose_task(Identity("Any-v0", {"x": None}, {}), None, 500)
 
 
 def test_another_value_of_an_argument_that_the_id_fixes_is_seen(scripted_id: str) -> None:

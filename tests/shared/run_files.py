@@ -10,7 +10,8 @@ from safetensors import safe_open
 
 from sprl_bench.records.folder import ACTIONS, EPISODES, METRICS, RECORD, SPEC, WEIGHTS
 
-CHANGING: Final = ("wall_time_s", "peak_memory_mib")  # of a record: how long it took
+# Of a record: how long it took, and what its process had loaded, which in a test is more.
+CHANGING: Final = ("wall_time_s", "peak_memory_mib", "versions")
 LASTING: Final = {RECORD, EPISODES, METRICS, SPEC, WEIGHTS, ACTIONS}
 
 

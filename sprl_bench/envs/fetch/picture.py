@@ -66,6 +66,16 @@ class Picture:
             finally:
                 self._note()
 
+    def driver(self) -> str:
+        """Return the name of the driver that draws; a picture must have been drawn."""
+        from OpenGL import GL  # noqa: PLC0415 - loaded by MuJoCo's renderer
+
+        self._make_current()
+        try:
+            return bytes(GL.glGetString(GL.GL_RENDERER)).decode()
+        finally:
+            self._note()
+
     def _make_current(self) -> None:
         if self._renderer.viewer is not None:
             self._renderer.viewer.make_context_current()
@@ -89,6 +99,11 @@ class Picture:
         viewer.free()
         self._renderer.viewer = None
         self._renderer._viewers.clear()
+
+
+def drivers() -> set[str]:
+    """Return the names of the drivers that have drawn the pictures which are still open."""
+    return {picture.driver() for picture in _OPEN}
 
 
 def _give_back(viewer: Any) -> None:

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sprl_bench.envs.checks import check_integer
-from sprl_bench.theory.worlds import Integers, World, distances
+from sprl_bench.theory.small_worlds import Integers, World, distances
 
 Window = tuple[int, ...]
 """The last states of a trajectory that the constraint depends on, ending with the current one."""
