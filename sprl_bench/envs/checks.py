@@ -75,6 +75,18 @@ def refuse_unknown(
         )
 
 
+def refuse_unknown_of_engine(
+    where: str, arguments: Mapping[str, Any], own: Iterable[str], elsewhere: Mapping[str, str] = MappingProxyType({})
+) -> None:
+    """Do the same for a batched engine, which takes the arguments of every engine and some of its own.
+
+    Raises:
+        TypeError: One of `arguments` is none of every engine.
+    """
+    unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
+    refuse_unknown(where, unknown, {*own, *VECTOR_ARGUMENTS}, elsewhere)
+
+
 def check_entries(name: str, value: object, expected: Iterable[str]) -> None:
     """Check that `value` is a mapping with exactly the `expected` entries.
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from sprl_bench.suite.devices import require_device
 from sprl_bench.suite.execute import Observer, Outcome, run_suite
-from sprl_bench.suite.plan import expand, hyperparameters_of, plainest, too_short
+from sprl_bench.suite.plan import expand, hyperparameters_of, plainest
+from sprl_bench.suite.short_budgets import too_short
 from sprl_bench.suite.states import RunState, state_of, survey
 
 __all__ = [

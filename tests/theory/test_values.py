@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from rewarded_worlds import all_policies, chancy_worlds
 
 from sprl_bench import theory
-from sprl_bench.theory.values import Floats
 
 
 def corridor(discount: float = 0.5) -> theory.RewardedWorld:
@@ -78,8 +77,4 @@ def test_what_is_refused() -> None:
         (np.ones((3, 1)), "policy is"),
     ):
         with pytest.raises(ValueError, match=message):
-            theory.policy_values(world, wrong(policy))
-
-
-def wrong(policy: Floats) -> Floats:
-    return policy
+            theory.policy_values(world, policy)

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sprl_bench.envs.checks import VECTOR_ARGUMENTS, refuse_unknown
+from sprl_bench.envs.checks import refuse_unknown_of_engine
 from sprl_bench.envs.engine import Array, Mask, Rows
 from sprl_bench.envs.fetch import rules
 from sprl_bench.envs.fetch.batched_simulation import BatchedSimulation
@@ -201,8 +201,7 @@ def make_engine(
     Raises:
         TypeError, ValueError: An argument is unknown or not allowed.
     """
-    unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
-    refuse_unknown(f"Fetch{task}Sparse", unknown, {*rules.ARGUMENTS, *VECTOR_ARGUMENTS}, ELSEWHERE)
+    refuse_unknown_of_engine(f"Fetch{task}Sparse", arguments, rules.ARGUMENTS, ELSEWHERE)
     rules.check_interface(observation, render_mode)
     kind = FetchEngine if observation == "flat" else GoalFetchEngine
     chosen = Rules(substep, action_noise, terminate_on_goal)

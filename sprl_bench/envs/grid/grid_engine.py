@@ -11,7 +11,7 @@ from gymnasium.spaces import Discrete
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from sprl_bench.envs.checks import VECTOR_ARGUMENTS, check_choice, refuse_unknown
+from sprl_bench.envs.checks import check_choice, refuse_unknown_of_engine
 from sprl_bench.envs.discrete_actions import DiscreteActions
 from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.grid import dynamics
@@ -39,8 +39,7 @@ class GridEngine(BatchedEnv):
     restart_kernel: ClassVar[Callable[..., None]]
 
     def __init__(self, num_envs: int = 1, *, observation: str = CELLS, **arguments: Any) -> None:
-        unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
-        refuse_unknown(type(self).__name__, unknown, ["observation", *VECTOR_ARGUMENTS])
+        refuse_unknown_of_engine(type(self).__name__, arguments, ["observation"])
         check_choice("observation", observation, FORMS)
         super().__init__(
             num_envs,

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
-from sprl_bench.envs.checks import VECTOR_ARGUMENTS, refuse_unknown
+from sprl_bench.envs.checks import refuse_unknown_of_engine
 from sprl_bench.envs.discrete_actions import DiscreteActions
 from sprl_bench.envs.engine import Array, Rows
 from sprl_bench.envs.maze import play
@@ -46,8 +46,7 @@ class MazeEngine(BatchedEnv):
         minimum_goal_distance: int = 0,
         **arguments: Any,
     ) -> None:
-        unknown = {name: value for name, value in arguments.items() if name not in VECTOR_ARGUMENTS}
-        refuse_unknown(type(self).__name__, unknown, {*ARGUMENTS, *VECTOR_ARGUMENTS}, ELSEWHERE)
+        refuse_unknown_of_engine(type(self).__name__, arguments, ARGUMENTS, ELSEWHERE)
         self.variant = Variant.checked(self.level, fire, fog, minimum_goal_distance)
         super().__init__(
             num_envs,
