@@ -32,7 +32,7 @@ class RewardedWorld:
         discount: For each step, above 0 and below 1.
 
     Raises:
-        ValueError: A shape is wrong, a row is no distribution, or a number is out of range.
+        ValueError: A shape is wrong, a row is no distribution, or a number is not finite or out of range.
     """
 
     transitions: Floats
@@ -48,6 +48,8 @@ class RewardedWorld:
             raise ValueError(f"transitions is {list(shape)}; it must be [S, A, S], where S is {states}, as of rewards.")
         if (self.transitions < 0).any() or not np.allclose(self.transitions.sum(axis=2), 1):
             raise ValueError("transitions holds a row that is no distribution; each must be at least 0 and sum to 1.")
+        if not np.isfinite(self.rewards).all():
+            raise ValueError(f"rewards is {self.rewards}; it must be finite numbers.")
         check_array("ends", self.ends, (states,), np.dtype(np.bool_))
         check_integer("start", self.start, 0, states - 1)
         if not 0 < self.discount < 1:

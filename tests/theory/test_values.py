@@ -66,6 +66,7 @@ def test_what_is_refused() -> None:
     for changes, message in (
         ({"transitions": world.transitions[:, :, :2]}, r"transitions is \[3, 2, 2\]; it must be \[S, A, S\]"),
         ({"transitions": world.transitions * 0.5}, "transitions holds a row that is no distribution"),
+        ({"rewards": np.array([0.0, np.nan, 1.0])}, "rewards is .*nan.*; it must be finite numbers"),
         ({"discount": 1.0}, "discount is 1.0; it must be above 0 and below 1"),
         ({"start": 3}, "start is 3; it must be an integer from 0 to 2"),
         ({"ends": np.zeros(2, np.bool_)}, "ends is"),
