@@ -23,11 +23,12 @@ from sprl_baselines.learning.rollout import Rollout
 from sprl_baselines.presets import preset
 from sprl_baselines.reachability.hyperparameters import ReachabilityConfig
 from sprl_baselines.reachability.learned import LearnedReachability
+from sprl_baselines.reachability.triplets import NEGATIVES
 
 NUM_ENVS, STEPS = 12, 256
 
 
-def rollouts(envs: Any, seed: int) -> Iterator[Rollout]:
+def rollouts(envs: Any, seed: int, device: str) -> Iterator[Rollout]:
     """Yield rollouts of a uniformly random policy."""
     generator = np.random.default_rng(seed)
     observations, _ = envs.reset(seed=seed)
@@ -39,13 +40,13 @@ def rollouts(envs: Any, seed: int) -> Iterator[Rollout]:
             observations, reward, _, truncated, _ = envs.step(actions)
             rewards.append(torch.from_numpy(reward.astype(np.float32)))
             ends.append(torch.from_numpy(truncated.copy()))
-        yield _rollout(torch.stack(seen), torch.stack(rewards), torch.stack(ends))
+        yield _rollout(*(torch.stack(part).to(device) for part in (seen, rewards, ends)))
 
 
 def _rollout(observations: Tensor, rewards: Tensor, truncated: Tensor) -> Rollout:
     """Return a rollout of which only the observations, rewards and ends are used."""
     nothing, last = torch.zeros_like(rewards), observations[-1]
-    places = torch.zeros(*rewards.shape, 0, dtype=torch.int64)
+    places = torch.zeros(*rewards.shape, 0, dtype=torch.int64, device=rewards.device)
     return Rollout(
         observations=observations,
         actions=nothing.long(),
@@ -61,16 +62,16 @@ def _rollout(observations: Tensor, rewards: Tensor, truncated: Tensor) -> Rollou
     )
 
 
-def main(seed: int, trainings: int, device: str) -> None:
+def main(seed: int, trainings: int, device: str, **hyperparameters: Any) -> None:
     """Print a row for each training: what the network scored before it, and its loss in it."""
     envs: Any = gymnasium.make_vec("SPRL/MazeGoalSmall-v1", num_envs=NUM_ENVS, num_threads=1)
-    config = ReachabilityConfig.pick(preset("dmlab", "table", "sprl"))
+    config = ReachabilityConfig.pick({**preset("dmlab", "table", "sprl"), **hyperparameters})
     setting = Setting(envs.single_observation_space, envs.single_action_space, NUM_ENVS, seed, torch.device(device))
     network = LearnedReachability(setting, config)
     began, steps, done = time.monotonic(), 0, 0
     print("| trainings before | env steps | accuracy | loss in the next | seconds | seconds of the processor |")
     print("| ---: | ---: | ---: | ---: | ---: | ---: |")
-    for rollout in rollouts(envs, seed):
+    for rollout in rollouts(envs, seed, device):
         metrics = network.update(rollout)
         steps += rollout.num_steps
         if "reachability_loss" in metrics:
@@ -87,6 +88,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=120)
     parser.add_argument("--trainings", type=int, default=5)
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--negatives", choices=NEGATIVES, default="episode")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    main(arguments.seed, arguments.trainings, arguments.device)
+    main(arguments.seed, arguments.trainings, arguments.device, negatives=arguments.negatives)

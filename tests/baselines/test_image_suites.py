@@ -24,6 +24,7 @@ AGENTS = {
 TASK = {"atari-smoke": "MsPacman", "maze-smoke": "MazeGoalSmall"}
 ROWS = [(suite, agent) for suite, agents in AGENTS.items() for agent in agents]
 BUDGET = int(os.environ.get("SPRL_IMAGE_STEPS", "20000"))  # of the long version
+DEVICE = os.environ.get("SPRL_IMAGE_DEVICE", "cpu")  # of the long version
 SMALL: dict[str, Any] = {"num_envs": 2, "rollout_length": 16, "epochs": 1, "minibatches": 1}
 SMALL_NETWORK = {  # trained after every rollout, and used from the second one on
     "k": 2,
@@ -86,9 +87,9 @@ def _digest(weights: Path) -> str:
         return str(file.metadata()["digest"])
 
 
-def check(suite: str, agent: str, folder: Path, **arguments: Any) -> list[dict[str, Any]]:
+def check(suite: str, agent: str, folder: Path, device: str = "cpu", **arguments: Any) -> list[dict[str, Any]]:
     """Compare a run with one that is stopped after its second update; return its metrics."""
-    (spec,) = expand(SUITES[suite], [agent], [0], tasks=[TASK[suite]], device="cpu", **arguments)
+    (spec,) = expand(SUITES[suite], [agent], [0], tasks=[TASK[suite]], device=device, **arguments)
     run(spec, folder / "whole")
     with pytest.raises(InterruptedRunError, match="the same command continues from there"):
         run(spec, folder / "halves", stop=sends_a_signal_at(1))
@@ -114,7 +115,7 @@ def test_an_interrupted_run_equals_an_uninterrupted_one(suite: str, agent: str, 
 @pytest.mark.parametrize(("suite", "agent"), ROWS)
 def test_a_run_of_the_whole_suites_length_does_too(suite: str, agent: str, tmp_path: Path) -> None:
     """With the published settings; hours for the residual networks of `eco` and `sprl` on a CPU."""
-    check(suite, agent, tmp_path, budget=BUDGET)
+    check(suite, agent, tmp_path, DEVICE, budget=BUDGET)
 
 
 @pytest.mark.parametrize(
