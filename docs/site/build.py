@@ -38,7 +38,14 @@ CONTENTS: Final[Mapping[str, Sequence[str]]] = {
         "docs/scores",
         "docs/trust",
     ),
-    "Results": ("docs/results", "docs/speed", "docs/theory", "docs/optimality", "leaderboards/README"),
+    "Results": (
+        "docs/results",
+        "docs/reproduction",
+        "docs/speed",
+        "docs/theory",
+        "docs/optimality",
+        "leaderboards/README",
+    ),
     "Reference": (
         "generated/environments",
         "generated/commands",

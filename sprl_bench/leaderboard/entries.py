@@ -41,6 +41,9 @@ class SeedResult(Data):
     abandoned_share: Annotated[float, Field(ge=0, le=1)] = Field(
         default=0.0, description="Of the episodes, those that were reset before their end, which count as failures."
     )
+    wall_time_s: Annotated[float, Field(ge=0)] | None = Field(
+        default=None, description="Seconds that the run took, on a machine that other work may have shared."
+    )
     scores: Scores
     return_curve: Curve
     success_curve: Curve
@@ -164,6 +167,13 @@ class Entry(Data):
             if "," in self.versions.get(package, ""):
                 raise ValueError(f"versions.{package} is {self.versions[package]!r}; an entry has one version of it")
         return self
+
+    @property
+    def wall_time_s(self) -> float | None:
+        """Seconds of all runs together; None where one is unknown."""
+        times = [result.wall_time_s for entry in self.tasks for result in entry.results]
+        known = [time for time in times if time is not None]
+        return sum(known) if len(known) == len(times) else None
 
     def results(self) -> Sequence[Result]:
         """Return one result a run, as tables take them."""

@@ -8,6 +8,7 @@ import logging
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from sprl_bench.durations import duration
 from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.pending import FOLDER, read_pending
 from sprl_bench.leaderboard.submission import check_suite
@@ -179,11 +180,14 @@ def board(entries: Sequence[Entry]) -> Table:
     table = tabulate_results([result for entry in entries for result in entry.results()])
     rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
     by_agent = {entry.agent: entry for entry in entries}
-    sources = [
-        f"{entry.agent}: {entry.status}, {entry.evidence}; {', '.join(entry.authors)}; {entry.link}"
-        for entry in (by_agent[row.agent] for row in rows)
-    ]
+    sources = [_source(by_agent[row.agent]) for row in rows]
     return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
+
+
+def _source(entry: Entry) -> str:
+    """Return where an entry is from, and what its runs cost where that is known."""
+    cost = "" if entry.wall_time_s is None else f"; all runs together took {duration(entry.wall_time_s)}"
+    return f"{entry.agent}: {entry.status}, {entry.evidence}; {', '.join(entry.authors)}; {entry.link}{cost}"
 
 
 def boards(folder: str | Path, suite: str | None = None) -> list[Table]:

@@ -171,7 +171,7 @@ def _origin_of_entry(entry: Entry) -> Origin:
         suite=entry.suite,
         agent=entry.agent,
         runs=len(results),
-        cost=None,
+        cost=entry.wall_time_s,
         memory=None,
         env_steps=sum(result.task.budget for result in results),
         devices=_distinct([result.device for result in results]),

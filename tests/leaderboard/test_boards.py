@@ -26,8 +26,8 @@ def test_a_board_is_computed_from_its_entries(home: Path) -> None:
     assert board.rows[0].auc is not None
     assert board.rows[0].auc.value == pytest.approx(0.57)
     assert board.notes == (
-        "ppo: reported, recorded; Ada L.; https://example.org/paper_1",
-        "random: reported, recorded; Ada L.; https://example.org/paper_1",
+        "ppo: reported, recorded; Ada L.; https://example.org/paper_1; all runs together took 15 s",
+        "random: reported, recorded; Ada L.; https://example.org/paper_1; all runs together took 15 s",
     )
 
 

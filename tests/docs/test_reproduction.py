@@ -1,0 +1,30 @@
+"""The page of what reproduces follows from the entries and the studies."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_page_is_what_the_entries_say() -> None:
+    """If this fails: python docs/write_reproduction.py docs/reproduction.md."""
+    made = runpy.run_path(str(DOCS / "write_reproduction.py"))["page"]()
+    assert (DOCS / "reproduction.md").read_text() == made
+
+
+def test_every_study_has_a_row() -> None:
+    page = (DOCS / "reproduction.md").read_text()
+    for figure in ("fig10", "fig12", "fig14", "fig15", "fig16", "fig17", "fig20", "fig21", "fig22", "sec6.6"):
+        assert f"`sprl-bench reproduce {figure}" in page
+    for missing in ("9", "11", "13", "18", "19"):
+        assert missing in page[page.index("**Not measured here**") :]
+
+
+def test_a_verdict_never_contradicts_its_interval() -> None:
+    for line in (DOCS / "reproduction.md").read_text().splitlines():
+        if line.startswith("| ") and "mean AUC" in line:
+            low, high = (float(end) for end in line[line.index("[") + 1 : line.index("]")].split(", "))
+            expected = "supported" if low > 0 else "contradicted" if high < 0 else "not decided"
+            assert f"| {expected} |" in line
