@@ -13,9 +13,11 @@ from pathlib import Path
 
 import psutil
 import pytest
+from shuffled_suites import results_of, run_shuffled, specs
 
 from sprl_bench.records import RunRecord, find_records
 from sprl_bench.records.folder import CHECKPOINT, METRICS, RECORD
+from sprl_bench.run import run
 
 pytest.importorskip("ray")
 pytestmark = pytest.mark.xdist_group("ray")
@@ -102,6 +104,13 @@ def test_a_suite_gives_the_records_that_it_gives_here(cluster: Cluster, tmp_path
     again = run_command(tmp_path, cluster.environment, *words, "--executor", "ray")
     assert again.returncode == 0
     assert again.stderr.count("skipped") == 4
+
+
+def test_a_shuffled_suite_with_interruptions_gives_them_too(cluster: Cluster, tmp_path: Path) -> None:
+    run_shuffled("ray", 2, 5, tmp_path / "there", cluster.environment)
+    for spec in specs():
+        run(spec, tmp_path / "here")
+    assert results_of(tmp_path / "there") == results_of(tmp_path / "here")
 
 
 def started(folder: Path, environment: Mapping[str, str], *words: str) -> subprocess.Popen[str]:
