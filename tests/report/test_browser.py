@@ -78,6 +78,12 @@ def page(request: pytest.FixtureRequest, browser: Any, report: Path) -> Iterator
     assert complaints == []
 
 
+def picture(page: Any, name: str) -> Path | None:
+    """Return where a picture of the page is kept, in the folder that SCREENSHOTS names."""
+    folder = os.environ.get("SCREENSHOTS")
+    return Path(folder, f"report-{name}-{page.viewport_size['width']}.png") if folder else None
+
+
 def drawn(page: Any) -> None:
     page.wait_for_selector("body[data-charts=drawn]", timeout=60_000)
 
@@ -192,8 +198,25 @@ def test_axe_finds_no_serious_fault(page: Any) -> None:
     assert bad == []
 
 
-def test_pictures_of_the_page_are_kept(page: Any) -> None:
-    folder = Path(os.environ.get("SCREENSHOTS", "")) if os.environ.get("SCREENSHOTS") else None
-    width = page.viewport_size["width"]
-    taken = page.screenshot(path=folder / f"report-{width}.png" if folder else None, full_page=True)
+def test_charts_mark_privileged_agents_and_explain_the_mark(page: Any) -> None:
+    assert "gt-grid †" in page.locator("[data-kind=interval] svg.marks").inner_html()
+    for kind in ("interval", "improvement", "profile"):
+        caption = page.locator("figure", has=page.locator(f"[data-kind={kind}]")).locator("figcaption")
+        assert "† privileged" in caption.inner_text()
+
+
+def test_paper_has_the_legend_but_no_hints_for_the_screen(page: Any) -> None:
+    page.emulate_media(media="print")
+    shown = page.locator("body").inner_text()
+    assert "Point at a curve" not in shown
+    assert "The buttons sort" not in shown
+    assert not page.locator("[data-download=seeds]").is_visible()
+    assert page.locator("#agents li svg").first.is_visible()
+    taken = page.screenshot(path=picture(page, "print"), full_page=True)
+    page.emulate_media(media="screen")
+    assert "Point at a curve" in page.locator("body").inner_text()
     assert len(taken) > 50_000
+
+
+def test_pictures_of_the_page_are_kept(page: Any) -> None:
+    assert len(page.screenshot(path=picture(page, "screen"), full_page=True)) > 50_000
