@@ -1,8 +1,8 @@
 """Build the site: `python docs/site/build.py build/site`.
 
 The site has the structure of the repository, so that every link between pages works here as on GitHub. This program
-copies the pages and what they show into a folder, writes the pages that come from code (commands, Python, and
-environments), adds the table of contents, and calls Sphinx. Warnings are errors.
+copies the pages and what they show into a folder, writes the pages that come from code (commands, Python, environments,
+boards, and citing), adds the table of contents, and calls Sphinx. Warnings are errors.
 """
 
 from __future__ import annotations
@@ -16,17 +16,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import boards
+import citation
+import families
 import typer
+from films import FILMS
 from sphinx.cmd.build import build_main
 
 import sprl_bench
 from sprl_bench.cli.app import app
-from sprl_bench.envs.fetch.fetch_env import FlatFetch, GoalFetch
-from sprl_bench.envs.grid.four_rooms import FourRooms
-from sprl_bench.envs.grid.key_doors import KeyDoors
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 HERE: Final = Path(__file__).resolve().parent
+BOARDS: Final = ROOT / "leaderboards"
+STYLE: Final = HERE / "site.css"
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
 CONTENTS: Final[Mapping[str, Sequence[str]]] = {
     "Guide": (
@@ -67,11 +70,29 @@ def stage(source: Path) -> None:
     generated.mkdir()
     (generated / "commands.md").write_text("\n".join(_commands()), encoding="utf-8")
     (generated / "python.md").write_text("\n".join(_python()), encoding="utf-8")
-    (generated / "environments.md").write_text("\n".join(_environments()), encoding="utf-8")
-    index = (HERE / "index.md").read_text(encoding="utf-8")
+    for name, text in _generated().items():
+        (generated / f"{name}.md").write_text(text, encoding="utf-8")
+    boards.write_reports(BOARDS, source / "extra" / "boards")
+    with (source / "docs" / "results.md").open("a", encoding="utf-8") as results:
+        results.write(boards.beside_results(boards.names_of(BOARDS)))
+    for film in FILMS:
+        _put(Path(film.path), source)
+    _put(STYLE.relative_to(ROOT), source)
+    index = (HERE / "index.md").read_text(encoding="utf-8").replace("<!-- gallery -->", families.home_gallery())
     (source / "index.md").write_text("\n".join((index, *_contents(_all_parts()))), encoding="utf-8")
     with (source / "notes" / "README.md").open("a", encoding="utf-8") as notes:
         notes.write("\n".join(("", *_contents({"": _notes()}))))
+
+
+def _generated() -> dict[str, str]:
+    """Return the pages of environments and boards, and that on citing, by their names."""
+    return {
+        "environments": families.overview(),
+        **{family.name: families.page_of(family) for family in families.FAMILIES},
+        "boards": boards.overview(boards.names_of(BOARDS)),
+        **{f"board-{name}": boards.page_of(BOARDS, name) for name in boards.names_of(BOARDS)},
+        "citation": citation.page_of(ROOT / "CITATION.cff"),
+    }
 
 
 def _pages() -> list[Path]:
@@ -85,7 +106,13 @@ def _all_parts() -> dict[str, Sequence[str]]:
     """Return the table of contents, with every other page of `docs` at the end of the guide."""
     known = {page for pages in CONTENTS.values() for page in pages}
     others = [str(page.with_suffix("")) for page in _pages() if page.parts[0] == "docs"]
-    return {**CONTENTS, "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)]}
+    return {
+        "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)],
+        "Environments": [f"generated/{family.name}" for family in families.FAMILIES],
+        **{name: pages for name, pages in CONTENTS.items() if name not in ("Guide", "Project")},
+        "Boards": ["generated/boards", *(f"generated/board-{name}" for name in boards.names_of(BOARDS))],
+        "Project": ["generated/citation", *CONTENTS["Project"]],
+    }
 
 
 def _notes() -> list[str]:
@@ -172,18 +199,6 @@ def _directive(value: Any) -> tuple[str, str]:
     if not inspect.isclass(value):
         return "autofunction", ""
     return "autoclass", "" if hasattr(value, "model_fields") else ":members:"
-
-
-def _environments() -> Iterator[str]:
-    """Yield the docstring of each family of environments."""
-    yield "# Environments in detail\n"
-    for family in (FourRooms, KeyDoors, FlatFetch, GoalFetch):
-        yield f"## {family.__name__}\n\n{_deeper(inspect.cleandoc(family.__doc__ or ''))}\n"
-
-
-def _deeper(text: str) -> str:
-    """Return Markdown with its headings one level lower."""
-    return re.sub(r"^#(?=#* )", "##", text, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ release = version_of("sprl-bench")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
-exclude_patterns = ["**/README.assets"]
+exclude_patterns = ["**/README.assets", "extra"]
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
@@ -26,7 +26,9 @@ napoleon_numpy_docstring = False
 
 html_theme = "furo"
 html_title = "sprl-bench"
-html_static_path: list[str] = []
+html_static_path = ["docs/site"]
+html_css_files = ["site.css"]
+html_extra_path = ["extra"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
