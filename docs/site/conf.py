@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from importlib.metadata import version as version_of
+from typing import Any
+
+from sphinx.application import Sphinx
 
 project = "sprl-bench"
 author = "The sprl-bench maintainers"
@@ -32,3 +35,16 @@ html_extra_path = ["extra"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
+
+
+def setup(app: Sphinx) -> None:
+    """Run after the theme, which writes the navigation."""
+    app.connect("html-page-context", _help_keyboards_and_readers, priority=900)
+
+
+def _help_keyboards_and_readers(_app: Sphinx, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
+    """Give headings of the navigation a level, and let keys scroll what is wider than the screen."""
+    navigation = context.get("furo_navigation_tree", "")
+    context["furo_navigation_tree"] = navigation.replace('role="heading"', 'role="heading" aria-level="2"')
+    body = context.get("body", "").replace("<pre>", '<pre tabindex="0">')
+    context["body"] = body.replace('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper')

@@ -79,7 +79,9 @@ def save(shown: Sequence[Frame], path: Path, colours: int) -> None:
     """Write a GIF with one palette for all frames, so that what does not move is stored once."""
     pictures, times = zip(*shown, strict=True)
     sample = np.hstack([np.asarray(picture) for picture in pictures[:: max(1, len(pictures) // 8)]])
-    palette = Image.fromarray(sample).quantize(colours)
+    palette = Image.fromarray(sample).quantize(
+        colours, Image.Quantize.MAXCOVERAGE
+    )  # keeps small things, such as a goal
     indexed = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     path.parent.mkdir(parents=True, exist_ok=True)
     indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=list(times), loop=0, optimize=False)
