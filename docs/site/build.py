@@ -28,6 +28,15 @@ from sprl_bench.cli.app import app
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 HERE: Final = Path(__file__).resolve().parent
+ROOMS: Final[Mapping[str, str]] = {
+    "The data frames": "sprl_bench.frames",
+    "The exact solver": "sprl_bench.solver",
+    "The constraint on small worlds": "sprl_bench.theory",
+    "Scores": "sprl_bench.scores",
+    "Pictures": "sprl_bench.plots",
+    "The report": "sprl_bench.report",
+}
+"""Modules whose names are public, besides those of `sprl_bench`, by their titles."""
 BOARDS: Final = ROOT / "leaderboards"
 STYLE: Final = HERE / "site.css"
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
@@ -180,12 +189,14 @@ def _help_of(command: Any, names: tuple[str, ...]) -> Iterator[str]:
 def _python() -> Iterator[str]:
     """Yield the public names, room by room."""
     yield "# Python\n"
-    yield "`import sprl_bench` registers the environments. The names below can be imported from `sprl_bench`.\n"
+    yield "`import sprl_bench` registers the environments. The names below can be imported from `sprl_bench`; "
+    yield "modules with more are at the end.\n"
     for name in sprl_bench.__all__:
         value = getattr(sprl_bench, name)
         directive, option = _directive(value)
         yield _documented(name, directive, f"sprl_bench.{name}", option)
-    yield _documented("The data frames", "automodule", "sprl_bench.frames", ":members:")
+    for title, room in ROOMS.items():
+        yield _documented(title, "automodule", room, ":members:")
 
 
 def _documented(title: str, directive: str, name: str, option: str) -> str:

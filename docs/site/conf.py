@@ -26,6 +26,7 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 add_module_names = False
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = "sprl-bench"
@@ -38,8 +39,21 @@ html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 
 
 def setup(app: Sphinx) -> None:
-    """Run after the theme, which writes the navigation."""
-    app.connect("html-page-context", _help_keyboards_and_readers, priority=900)
+    """Correct what Sphinx and the theme write."""
+    app.connect("autodoc-process-signature", _name_fields)
+    app.connect("autodoc-skip-member", _skip_tuple_fields)
+    app.connect("html-page-context", _help_keyboards_and_readers, priority=900)  # after the theme
+
+
+def _name_fields(_app: Sphinx, _what: str, _name: str, value: Any, *_: Any) -> tuple[str, str] | None:
+    """Return the signature of a file's type: its fields without pydantic's checks, which fill half a screen."""
+    fields = getattr(value, "model_fields", None)
+    return (f"(*, {', '.join(fields)})", "") if isinstance(value, type) and fields else None
+
+
+def _skip_tuple_fields(_app: Sphinx, _what: str, _name: str, value: Any, *_: Any) -> bool | None:
+    """Skip the fields of named tuples, which the signature names: Python calls each an alias for a number."""
+    return True if type(value).__name__ == "_tuplegetter" else None
 
 
 def _help_keyboards_and_readers(_app: Sphinx, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
