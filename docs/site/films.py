@@ -196,6 +196,19 @@ FILMS: Final = (
         colours=24,
     ),
     Film(
+        "pacman-ppo",
+        ATARI,
+        "SPRL/MsPacman-v1",
+        "custom/MsPacman-300000/ppo/seed-120",
+        "A trained agent",
+        "MsPacman: `ppo`, seed 120, after 300,000 steps, the first 300 of an episode.",
+        episodes=1,
+        steps=300,
+        stride=4,
+        width=160,
+        colours=32,
+    ),
+    Film(
         "atari-random",
         ATARI,
         GAME,
@@ -211,7 +224,6 @@ FILMS: Final = (
 )
 MISSING: Final = {
     MAZES: "No agent is trained in the mazes yet: the suite `maze` takes a GPU. Its film will stand here.",
-    ATARI: "There is no solver for Atari, and no agent is trained yet: the suite `atari` takes a GPU. Its film will "
-    "stand here.",
+    ATARI: "There is no solver for Atari, and no run of the whole suite yet: 12 million steps a game take a GPU.",
 }
 """What a family has no film of, and why."""
