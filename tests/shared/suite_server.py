@@ -163,7 +163,7 @@ def namespaces_allowed() -> bool:
 
 def _work(chosen: Sequence[RunSpec], out: Path) -> int:
     """Be the suite, with the handler of the command line; return its exit status."""
-    os.setsid()
+    os.setpgid(0, 0)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         done = run_suite(chosen, out, executor=make_executor("local", 1), keep_actions=True)
