@@ -15,9 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sprl_bench.quantiles import central_range
+
 BINS = 100
 FINAL_BINS = 10
 THRESHOLD = 0.5
+PART = 1 << 15  # numbers that are resampled at once: they fit into the cache of a processor
 
 Array = npt.NDArray[np.float64]
 Places = npt.NDArray[np.int64]
@@ -119,7 +122,7 @@ def bootstrap_interval(
     """
     if scores.shape[0] < 2:
         return None
-    return _percentiles(statistic(_resample(scores, generator, resamples)), confidence)
+    return _percentiles(_resampled(scores, statistic, generator, resamples), confidence)
 
 
 def curve_band(
@@ -139,14 +142,20 @@ def curve_band(
     seeds = curves.shape[0]
     if seeds < 2:
         return None
-    means = _sums(curves, _drawn(_choose, generator, seeds, 1, resamples)[..., 0]) / seeds
-    tail = 100 * (1 - confidence) / 2
-    low, high = np.percentile(np.ascontiguousarray(means.T), [tail, 100 - tail], axis=1)
-    return low, high
+    chosen = _drawn(_choose, generator, seeds, 1, resamples)[..., 0]
+    return central_range(_sums(curves, chosen) / seeds, confidence)
 
 
 def _sums(curves: Array, chosen: Places) -> Array:
-    """Return the sum of each sample's curves, [R, B], from the places of its curves, [R, S], added in their order."""
+    """Return the sum of each sample's curves, [B, R], from the places of its curves, [R, S], added in their order."""
+    sums = np.empty((curves.shape[1], len(chosen)))
+    rows = max(1, PART // curves.shape[1])
+    for first in range(0, len(chosen), rows):
+        sums[:, first : first + rows] = _sum(curves, chosen[first : first + rows]).T
+    return sums
+
+
+def _sum(curves: Array, chosen: Places) -> Array:
     total = curves[chosen[:, 0]]
     for column in chosen.T[1:]:
         total += curves[column]
@@ -182,8 +191,8 @@ def difference_interval(
         raise ValueError(f"scores has {scores.shape[1]} tasks and reference {reference.shape[1]}; they must be paired.")
     if min(scores.shape[0], reference.shape[0]) < 2:
         return None
-    ours = statistic(_resample(scores, generator, resamples))
-    theirs = statistic(_resample(reference, generator, resamples))
+    ours = _resampled(scores, statistic, generator, resamples)
+    theirs = _resampled(reference, statistic, generator, resamples)
     return _percentiles(ours - theirs, confidence)
 
 
@@ -255,9 +264,12 @@ def performance_profile(scores: Array, thresholds: Array) -> Array:
     return np.asarray(above.mean(axis=-3).mean(axis=-2))
 
 
-def _resample(scores: Array, generator: np.random.Generator, resamples: int) -> Array:
-    """Draw, for each task on its own, as many seeds as there are, with replacement: [R, S, T]."""
-    return scores.ravel().take(_drawn(_choose, generator, *scores.shape, resamples))
+def _resampled(scores: Array, statistic: Statistic, generator: np.random.Generator, resamples: int) -> Array:
+    """Resample seeds within each task, with replacement, and return the statistic of each sample: [R]."""
+    places = _drawn(_choose, generator, *scores.shape, resamples)
+    flat, rows = scores.ravel(), max(1, PART // scores.size)
+    parts = [statistic(flat.take(places[first : first + rows])) for first in range(0, resamples, rows)]
+    return np.concatenate(parts)
 
 
 def _choose(generator: np.random.Generator, seeds: int, tasks: int, resamples: int) -> Places:
@@ -300,6 +312,5 @@ def _remembered(
 
 
 def _percentiles(values: Array, confidence: float) -> Interval:
-    tail = 100 * (1 - confidence) / 2
-    low, high = np.percentile(values, [tail, 100 - tail])
+    low, high = central_range(values, confidence)
     return Interval(float(low), float(high))

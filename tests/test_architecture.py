@@ -73,7 +73,8 @@ def _room(module: str) -> str | None:
 
 
 def test_the_table_is_read() -> None:
-    assert ROOMS["sprl_bench.scores"] == set()
+    assert ROOMS["sprl_bench.quantiles"] == set()
+    assert ROOMS["sprl_bench.scores"] == {"sprl_bench.quantiles"}
     assert ROOMS["sprl_bench.tasks"] == {"sprl_bench.scores", "sprl_bench.suggestions"}
     assert ROOMS["sprl_baselines.reachability"] >= {"sprl_baselines.bonus", "sprl_bench.solver"}
 

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sprl_bench import scores
+from sprl_bench.quantiles import central_range
 
 SCORES = np.asarray([[0.1, 0.5], [0.3, 0.9], [0.2, 0.1]])
 
@@ -279,3 +280,27 @@ def test_shared_draws_are_those_of_the_generator_and_move_it_on() -> None:
 def _state_after(values: scores.Array, generator: np.random.Generator) -> object:
     scores.bootstrap_interval(values, scores.mean, generator)
     return generator.bit_generator.state
+
+
+@given(st.integers(2, 300), st.floats(0.01, 0.99), st.integers(0, 2**32 - 1))
+def test_a_central_range_is_numpys_to_the_last_bit(samples: int, confidence: float, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    for values in (generator.random((3, samples)), generator.integers(0, 3, (3, samples)) / 7):
+        tail = 100 * (1 - confidence) / 2
+        expected = np.percentile(values, [tail, 100 - tail], axis=-1)
+        assert np.array_equal(central_range(values.copy(), confidence), expected)
+
+
+@pytest.mark.parametrize("statistic", [scores.mean, scores.iqm])
+def test_resampling_in_parts_changes_nothing(statistic: scores.Statistic, monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix, curves = np.random.default_rng(0).random((9, 20)), np.random.default_rng(1).random((9, 100))
+
+    def intervals() -> list[object]:
+        whole = scores.bootstrap_interval(matrix, statistic, np.random.default_rng(2))
+        band = scores.curve_band(curves, np.random.default_rng(2))
+        assert band is not None
+        return [whole, *(end.tolist() for end in band)]
+
+    in_parts = intervals()
+    monkeypatch.setattr(scores, "PART", 10**9)
+    assert intervals() == in_parts

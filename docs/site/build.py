@@ -1,8 +1,8 @@
 """Build the site: `python docs/site/build.py build/site`.
 
 The site has the structure of the repository, so that every link between pages works here as on GitHub. This program
-copies the pages and what they show into a folder, writes the pages that come from code (commands, Python, and
-environments), adds the table of contents, and calls Sphinx. Warnings are errors.
+copies the pages and what they show into a folder, writes the pages that come from code (commands, Python, environments,
+boards, and citing), adds the table of contents, and calls Sphinx. Warnings are errors.
 """
 
 from __future__ import annotations
@@ -16,17 +16,29 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import boards
+import citation
+import families
 import typer
+from films import FILMS
 from sphinx.cmd.build import build_main
 
 import sprl_bench
 from sprl_bench.cli.app import app
-from sprl_bench.envs.fetch.fetch_env import FlatFetch, GoalFetch
-from sprl_bench.envs.grid.four_rooms import FourRooms
-from sprl_bench.envs.grid.key_doors import KeyDoors
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 HERE: Final = Path(__file__).resolve().parent
+ROOMS: Final[Mapping[str, str]] = {
+    "The data frames": "sprl_bench.frames",
+    "The exact solver": "sprl_bench.solver",
+    "The constraint on small worlds": "sprl_bench.theory",
+    "Scores": "sprl_bench.scores",
+    "Pictures": "sprl_bench.plots",
+    "The report": "sprl_bench.report",
+}
+"""Modules whose names are public, besides those of `sprl_bench`, by their titles."""
+BOARDS: Final = ROOT / "leaderboards"
+STYLE: Final = HERE / "site.css"
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
 CONTENTS: Final[Mapping[str, Sequence[str]]] = {
     "Guide": (
@@ -74,11 +86,29 @@ def stage(source: Path) -> None:
     generated.mkdir()
     (generated / "commands.md").write_text("\n".join(_commands()), encoding="utf-8")
     (generated / "python.md").write_text("\n".join(_python()), encoding="utf-8")
-    (generated / "environments.md").write_text("\n".join(_environments()), encoding="utf-8")
-    index = (HERE / "index.md").read_text(encoding="utf-8")
+    for name, text in _generated().items():
+        (generated / f"{name}.md").write_text(text, encoding="utf-8")
+    boards.write_reports(BOARDS, source / "extra" / "boards")
+    with (source / "docs" / "results.md").open("a", encoding="utf-8") as results:
+        results.write(boards.beside_results(boards.names_of(BOARDS)))
+    for film in FILMS:
+        _put(Path(film.path), source)
+    _put(STYLE.relative_to(ROOT), source)
+    index = (HERE / "index.md").read_text(encoding="utf-8").replace("<!-- gallery -->", families.home_gallery())
     (source / "index.md").write_text("\n".join((index, *_contents(_all_parts()))), encoding="utf-8")
     with (source / "notes" / "README.md").open("a", encoding="utf-8") as notes:
         notes.write("\n".join(("", *_contents({"": _notes()}))))
+
+
+def _generated() -> dict[str, str]:
+    """Return the pages of environments and boards, and that on citing, by their names."""
+    return {
+        "environments": families.overview(),
+        **{family.name: families.page_of(family) for family in families.FAMILIES},
+        "boards": boards.overview(boards.names_of(BOARDS)),
+        **{f"board-{name}": boards.page_of(BOARDS, name) for name in boards.names_of(BOARDS)},
+        "citation": citation.page_of(ROOT / "CITATION.cff"),
+    }
 
 
 def _pages() -> list[Path]:
@@ -92,7 +122,13 @@ def _all_parts() -> dict[str, Sequence[str]]:
     """Return the table of contents, with every other page of `docs` at the end of the guide."""
     known = {page for pages in CONTENTS.values() for page in pages}
     others = [str(page.with_suffix("")) for page in _pages() if page.parts[0] == "docs"]
-    return {**CONTENTS, "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)]}
+    return {
+        "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)],
+        "Environments": [f"generated/{family.name}" for family in families.FAMILIES],
+        **{name: pages for name, pages in CONTENTS.items() if name not in ("Guide", "Project")},
+        "Boards": ["generated/boards", *(f"generated/board-{name}" for name in boards.names_of(BOARDS))],
+        "Project": ["generated/citation", *CONTENTS["Project"]],
+    }
 
 
 def _notes() -> list[str]:
@@ -160,12 +196,14 @@ def _help_of(command: Any, names: tuple[str, ...]) -> Iterator[str]:
 def _python() -> Iterator[str]:
     """Yield the public names, room by room."""
     yield "# Python\n"
-    yield "`import sprl_bench` registers the environments. The names below can be imported from `sprl_bench`.\n"
+    yield "`import sprl_bench` registers the environments. The names below can be imported from `sprl_bench`; "
+    yield "modules with more are at the end.\n"
     for name in sprl_bench.__all__:
         value = getattr(sprl_bench, name)
         directive, option = _directive(value)
         yield _documented(name, directive, f"sprl_bench.{name}", option)
-    yield _documented("The data frames", "automodule", "sprl_bench.frames", ":members:")
+    for title, room in ROOMS.items():
+        yield _documented(title, "automodule", room, ":members:")
 
 
 def _documented(title: str, directive: str, name: str, option: str) -> str:
@@ -179,18 +217,6 @@ def _directive(value: Any) -> tuple[str, str]:
     if not inspect.isclass(value):
         return "autofunction", ""
     return "autoclass", "" if hasattr(value, "model_fields") else ":members:"
-
-
-def _environments() -> Iterator[str]:
-    """Yield the docstring of each family of environments."""
-    yield "# Environments in detail\n"
-    for family in (FourRooms, KeyDoors, FlatFetch, GoalFetch):
-        yield f"## {family.__name__}\n\n{_deeper(inspect.cleandoc(family.__doc__ or ''))}\n"
-
-
-def _deeper(text: str) -> str:
-    """Return Markdown with its headings one level lower."""
-    return re.sub(r"^#(?=#* )", "##", text, flags=re.MULTILINE)
 
 
 if __name__ == "__main__":

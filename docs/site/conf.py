@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from importlib.metadata import version as version_of
+from typing import Any
+
+from sphinx.application import Sphinx
 
 project = "sprl-bench"
 author = "The sprl-bench maintainers"
@@ -12,7 +15,7 @@ release = version_of("sprl-bench")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 source_suffix = {".md": "markdown"}
 root_doc = "index"
-exclude_patterns = ["**/README.assets"]
+exclude_patterns = ["**/README.assets", "extra"]
 
 myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence"]
@@ -23,10 +26,39 @@ autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 add_module_names = False
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = "sprl-bench"
-html_static_path: list[str] = []
+html_static_path = ["docs/site"]
+html_css_files = ["site.css"]
+html_extra_path = ["extra"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
+
+
+def setup(app: Sphinx) -> None:
+    """Correct what Sphinx and the theme write."""
+    app.connect("autodoc-process-signature", _name_fields)
+    app.connect("autodoc-skip-member", _skip_tuple_fields)
+    app.connect("html-page-context", _help_keyboards_and_readers, priority=900)  # after the theme
+
+
+def _name_fields(_app: Sphinx, _what: str, _name: str, value: Any, *_: Any) -> tuple[str, str] | None:
+    """Return the signature of a file's type: its fields without pydantic's checks, which fill half a screen."""
+    fields = getattr(value, "model_fields", None)
+    return (f"(*, {', '.join(fields)})", "") if isinstance(value, type) and fields else None
+
+
+def _skip_tuple_fields(_app: Sphinx, _what: str, _name: str, value: Any, *_: Any) -> bool | None:
+    """Skip the fields of named tuples, which the signature names: Python calls each an alias for a number."""
+    return True if type(value).__name__ == "_tuplegetter" else None
+
+
+def _help_keyboards_and_readers(_app: Sphinx, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
+    """Give headings of the navigation a level, and let keys scroll what is wider than the screen."""
+    navigation = context.get("furo_navigation_tree", "")
+    context["furo_navigation_tree"] = navigation.replace('role="heading"', 'role="heading" aria-level="2"')
+    body = context.get("body", "").replace("<pre>", '<pre tabindex="0">')
+    context["body"] = body.replace('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper')

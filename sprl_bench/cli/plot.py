@@ -76,4 +76,6 @@ def _plot_scores(records: Sequence[RunRecord], output: Path, kind: str, width: s
     if kind == "curves":
         plots.plot(records, output, width=width, **chosen)
     else:
-        plots.plot_suites(plots.suite_matrices(records, **chosen), output, kind, width=width)
+        plots.plot_suites(
+            plots.suite_matrices(records, **chosen), output, kind, width=width, labels=plots.suite_labels(records)
+        )

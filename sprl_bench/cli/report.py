@@ -75,7 +75,11 @@ def _source(source: Path, against: Path | None, *, allow_missing: bool) -> Sourc
         raise FileNotFoundError(f"There are no runs in {source}.")
     if against:
         raise ValueError(f"against is {str(against)!r}; it must be left out where the report is of a board.")
-    return of_board(source.stem if source.is_file() else source.name, leaderboard.find_board(source))
+    try:
+        entries = leaderboard.find_board(source)
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"There is no folder {source} with runs. {error}") from None
+    return of_board(source.stem if source.is_file() else source.name, entries)
 
 
 def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source:

@@ -7,7 +7,14 @@ from sprl_bench.plots.curves import draw_curves, plot, plot_results
 from sprl_bench.plots.metrics import draw_metrics, plot_metrics
 from sprl_bench.plots.sheet import WIDTHS
 from sprl_bench.plots.style import PAPER, STYLE, SUFFIXES, UNDATED, save
-from sprl_bench.plots.suite_wide import KINDS, draw_improvement, draw_profiles, plot_suites, suite_matrices
+from sprl_bench.plots.suite_wide import (
+    KINDS,
+    draw_improvement,
+    draw_profiles,
+    plot_suites,
+    suite_labels,
+    suite_matrices,
+)
 
 __all__ = [
     "KINDS",
@@ -29,5 +36,6 @@ __all__ = [
     "plot_suites",
     "points_of",
     "save",
+    "suite_labels",
     "suite_matrices",
 ]

@@ -17,6 +17,7 @@ from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables import Result, tabulate
 from sprl_bench.tables.aggregates import Improvement, improvement_of, matrices_of, profile_of
+from sprl_bench.tables.render import marked
 
 if TYPE_CHECKING:  # the extra `plots`
     from matplotlib.axes import Axes
@@ -24,6 +25,9 @@ if TYPE_CHECKING:  # the extra `plots`
 
 Matrices = Mapping[str, Mapping[str, scores.Array]]
 """AUCs [S, T] as shares of the score range, by suite and agent."""
+Labels = Mapping[str, str]
+"""What pictures call an agent, where that is not its name alone."""
+NO_LABELS: Final[Labels] = MappingProxyType({})
 ROW = 0.22  # inches, of an agent
 
 
@@ -48,7 +52,15 @@ def suite_matrices(
     }
 
 
-def plot_suites(matrices: Matrices, output: Path, kind: str, *, width: str | None = None) -> None:
+def suite_labels(records: Iterable[RunRecord]) -> Labels:
+    """Return each agent's name with its marks, such as "gt-grid †" for a privileged one."""
+    specs = [record.spec for record in records]
+    return {spec.agent: marked(spec.agent, spec.privileged, spec.information) for spec in specs}
+
+
+def plot_suites(
+    matrices: Matrices, output: Path, kind: str, *, width: str | None = None, labels: Labels = NO_LABELS
+) -> None:
     """Draw one panel a suite into a .png, .svg or .pdf file.
 
     Args:
@@ -56,6 +68,7 @@ def plot_suites(matrices: Matrices, output: Path, kind: str, *, width: str | Non
         output: The file.
         kind: One of `KINDS`.
         width: One of `WIDTHS`; None for one that the panels need.
+        labels: See `suite_labels`.
 
     Raises:
         ValueError: The kind, the width or the suffix is not allowed, or there are too few agents.
@@ -67,15 +80,16 @@ def plot_suites(matrices: Matrices, output: Path, kind: str, *, width: str | Non
     least = min(map(len, matrices.values()), default=0)
     if least < LEAST[kind]:
         raise ValueError(f"kind is {kind!r}; it must be of {LEAST[kind]} or more agents with runs of every task.")
-    save(lambda: KINDS[kind](matrices, width=width), output, width=width)
+    save(lambda: KINDS[kind](matrices, width=width, labels=labels), output, width=width)
 
 
-def draw_profiles(matrices: Matrices, *, width: str | None = None) -> Figure:
+def draw_profiles(matrices: Matrices, *, width: str | None = None, labels: Labels = NO_LABELS) -> Figure:
     """Return a figure of the share of runs that score more than each threshold; the higher, the better."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     looks = _looks(matrices)
-    sheet = lay_out((len(matrices), len(matrices)), list(looks), list(looks), width)
+    names = [labels.get(agent, agent) for agent in looks]
+    sheet = lay_out((len(matrices), len(matrices)), names, names, width)
     figure = Figure(figsize=sheet.size, layout="constrained")
     for axes, (suite, agents) in zip(_panels(figure, sheet.rows, sheet.columns), matrices.items(), strict=False):
         for agent, matrix in agents.items():
@@ -83,25 +97,32 @@ def draw_profiles(matrices: Matrices, *, width: str | None = None) -> Figure:
         axes.set(title=suite, xlabel="AUC, share of the score range", xlim=(0, 1), ylim=(-0.02, 1.02))
         draw_grid(axes)
     figure.axes[0].set_ylabel("Share of runs above")
-    draw_caption(figure, "Share of all runs, each task with the same weight.")
+    draw_caption(figure, f"Share of all runs, each task with the same weight.{_marks(names)}")
     draw_legend(figure, list(looks.values()), sheet.names, sheet.abreast)
     return figure
 
 
-def draw_improvement(matrices: Matrices, *, width: str | None = None) -> Figure:
+def draw_improvement(matrices: Matrices, *, width: str | None = None, labels: Labels = NO_LABELS) -> Figure:
     """Return a figure of how probably a run of the best agent scores higher than a run of each other one."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     looks = _looks(matrices)
-    sheet = lay_out((len(matrices), len(matrices)), list(looks), list(looks), width)
+    names = [labels.get(agent, agent) for agent in looks]
+    sheet = lay_out((len(matrices), len(matrices)), names, names, width)
     height = sheet.rows * (ROW * max(map(len, matrices.values())) + 0.8) + 0.2
     figure = Figure(figsize=(sheet.size[0], height), layout="constrained")
     for axes, (suite, agents) in zip(_panels(figure, sheet.rows, sheet.columns), matrices.items(), strict=False):
         best = max(agents, key=lambda agent: float(scores.mean(agents[agent])))
-        _draw_improvements(axes, [improvement_of(best, other, agents) for other in agents if other != best], looks)
-        axes.set(title=suite, xlabel=f"P({best} > agent)", xlim=(-0.02, 1.02))
-    draw_caption(figure, "Probability of improvement with 95 % bootstrap intervals.")
+        _draw_improvements(
+            axes, [improvement_of(best, other, agents) for other in agents if other != best], looks, labels
+        )
+        axes.set(title=suite, xlabel=f"P({labels.get(best, best)} > agent)", xlim=(-0.02, 1.02))
+    draw_caption(figure, f"Probability of improvement with 95 % bootstrap intervals.{_marks(names)}")
     return figure
+
+
+def _marks(names: Sequence[str]) -> str:
+    return " † privileged." * any("†" in name for name in names)
 
 
 def _looks(matrices: Matrices) -> dict[str, Look]:
@@ -113,7 +134,7 @@ def _panels(figure: Figure, rows: int, columns: int) -> Sequence[Axes]:
     return list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
-def _draw_improvements(axes: Axes, found: Sequence[Improvement], looks: Mapping[str, Look]) -> None:
+def _draw_improvements(axes: Axes, found: Sequence[Improvement], looks: Mapping[str, Look], labels: Labels) -> None:
     """Draw a point with its interval for each agent, the least beaten at the top."""
     ordered = sorted(found, key=lambda one: (-one.value, one.reference))
     for place, one in enumerate(ordered):
@@ -122,7 +143,7 @@ def _draw_improvements(axes: Axes, found: Sequence[Improvement], looks: Mapping[
         if one.interval is not None:
             axes.hlines(place, *one.interval, color=colour, linewidth=1.6)
     axes.axvline(0.5, color="#555555", linewidth=0.8, linestyle="--")
-    axes.set_yticks(range(len(ordered)), [one.reference for one in ordered])
+    axes.set_yticks(range(len(ordered)), [labels.get(one.reference, one.reference) for one in ordered])
     axes.set_ylim(-0.6, len(ordered) - 0.4)
     draw_grid(axes)
 

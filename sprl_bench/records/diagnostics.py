@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
+
+from pydantic_core import from_json
 
 from sprl_bench.records.files import InvalidFileError, read, read_bytes
 from sprl_bench.records.folder import METRICS, RECORD, SPEC, find_files
@@ -49,8 +50,8 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 def parse_line(line: bytes) -> dict[str, Any]:
     """Return a line of diagnostics; empty if it is broken."""
     try:
-        data = json.loads(line)
-    except (ValueError, RecursionError):
+        data = from_json(line)
+    except ValueError:
         return {}
     sound = isinstance(data, dict) and all(map(_is_number, data.values())) and data.get("env_steps") is not None
     return data if sound else {}

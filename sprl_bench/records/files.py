@@ -183,15 +183,26 @@ def write_bytes(path: Path, content: bytes, *, own: bool = False) -> None:
         path: The file.
         content: All of it.
         own: Whether the file belongs to a run's folder: then whatever has its name, a link too, is replaced.
+
+    Raises:
+        OSError: It cannot be written; the error names `path`.
     """
+    try:
+        _write(path, content, own=own)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error  # of the subclass that its number has
+
+
+def _write(path: Path, content: bytes, *, own: bool) -> None:
     if own:
         _replace(path.absolute(), content)
-        return
-    if path.parent in STREAMS or (path.exists() and not path.is_file()):
+    elif path.parent in STREAMS or (path.exists() and not path.is_file()):
         with path.open("ab") as stream:  # appends, if standard output is redirected to a file
             stream.write(content)
-        return
-    _replace(path.resolve(), content)
+    else:
+        _replace(path.resolve(), content)
 
 
 def _replace(path: Path, content: bytes) -> None:

@@ -57,7 +57,7 @@ def find_files(root: Path, name: str, on_error: Callable[[OSError], None] = _rai
         return []
     found, seen = [], set[tuple[int, int]]()
     for folder, folders, files in os.walk(root, onerror=on_error, followlinks=True):
-        status = Path(folder).stat()
+        status = os.stat(folder)  # noqa: PTH116 (a path for each folder would be slow)
         if (status.st_dev, status.st_ino) in seen:
             folders.clear()
             continue

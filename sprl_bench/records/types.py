@@ -40,6 +40,8 @@ def _file_name(name: str) -> str:
 
 
 def _printable(text: str) -> str:
+    if text.isprintable():
+        return text
     if not all(letter.isprintable() or unicodedata.category(letter) == "Zs" for letter in text):
         raise ValueError(f"{text!r} has a line break or another control character")
     return text
@@ -81,6 +83,7 @@ Curve = Annotated[tuple[Bounded, ...], Field(min_length=scores.BINS, max_length=
 
 
 Kind = TypeVar("Kind")
+MISSING: Final = object()
 
 
 def gather(kind: type[Kind], *sources: object, **others: Any) -> Kind:
@@ -92,8 +95,13 @@ def gather(kind: type[Kind], *sources: object, **others: Any) -> Kind:
         others: Fields that no source has, or that are not what it has.
     """
     names = getattr(kind, "__dataclass_fields__", None) or getattr(kind, "model_fields", {})
-    found = {name: getattr(source, name) for source in reversed(sources) for name in names if hasattr(source, name)}
+    found = {name: value for name in names if (value := _first(name, sources)) is not MISSING}
     return kind(**{**found, **others})
+
+
+def _first(name: str, sources: Sequence[object]) -> Any:
+    """Return an attribute of the first source that has it."""
+    return next((value for source in sources if (value := getattr(source, name, MISSING)) is not MISSING), MISSING)
 
 
 class TaskSpec(Data):

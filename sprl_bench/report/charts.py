@@ -112,7 +112,7 @@ def _pointer(x: Spec, axis: Spec, x_name: str) -> Spec:
     """Return points that cannot be seen, which the pointer finds."""
     hover = {"type": "point", "fields": ["agent"], "on": "pointerover", "clear": "pointerout", "nearest": True}
     tooltip = [
-        {"field": "agent", "type": "nominal", "title": "Agent"},
+        {"field": "label", "type": "nominal", "title": "Agent"},
         {"field": "x", "type": "quantitative", "title": x_name, "format": ",.6~g"},
         {"field": "y", "type": "quantitative", "title": "Mean", "format": ".4~g"},
         {"field": "interval", "type": "nominal", "title": "95 % interval"},
@@ -127,7 +127,7 @@ def _pointer(x: Spec, axis: Spec, x_name: str) -> Spec:
 
 def _intervals(encode: Spec, axis: Spec) -> Spec:
     """Return a point with its interval for each agent, one below the other, and small points for single runs."""
-    rows: Spec = {"field": "agent", "type": "nominal", "sort": None, "axis": {"title": None}}
+    rows: Spec = {"field": "label", "type": "nominal", "sort": None, "axis": {"title": None}}
     shared = {"y": rows, "color": encode["color"]}
     seeds = {
         "mark": {"type": "point", "size": 18, "opacity": 0.5, "aria": False},
@@ -139,7 +139,7 @@ def _intervals(encode: Spec, axis: Spec) -> Spec:
 
 def _whiskers(shared: Spec, axis: Spec, x: Spec | None = None) -> Sequence[Spec]:
     tooltip = [
-        {"field": "agent", "type": "nominal", "title": "Agent"},
+        {"field": "label", "type": "nominal", "title": "Agent"},
         {"field": "x", "type": "quantitative", "title": "Value", "format": ".4~g"},
         {"field": "interval", "type": "nominal", "title": "95 % interval"},
     ]
@@ -159,7 +159,7 @@ def _whiskers(shared: Spec, axis: Spec, x: Spec | None = None) -> Sequence[Spec]
 def _improvements(encode: Spec) -> Spec:
     """Return the probability that each agent improves on the reference, with a line at one half."""
     axis = _axis("Probability of improvement")
-    rows: Spec = {"field": "agent", "type": "nominal", "sort": None, "axis": {"title": None}}
+    rows: Spec = {"field": "label", "type": "nominal", "sort": None, "axis": {"title": None}}
     half = {
         "mark": {"type": "rule", "strokeDash": [4, 3], "color": INK, "opacity": 0.6, "aria": False},
         "data": {"values": [{"half": 0.5}]},

@@ -21,7 +21,7 @@ from sprl_bench.report.series import (
 from sprl_bench.report.source import Origin, Progress, Source
 from sprl_bench.tables import IncomparableError, Result, Table, split_suites, tabulate_results
 from sprl_bench.tables.aggregates import matrices_of
-from sprl_bench.tables.render import DASH, footnotes, interval_text, marked
+from sprl_bench.tables.render import DASH, explained, footnotes, interval_text, marked
 from sprl_bench.tables.seed_results import table_of
 from sprl_bench.tables.table import Estimate, Row
 from sprl_bench.tables.text_table import number
@@ -86,6 +86,7 @@ class Content:
     summary: str
     share: float
     notes: tuple[str, ...]
+    marks: str
     measures: Mapping[str, str]
     data: dict[str, Any]
 
@@ -107,6 +108,7 @@ def content_of(source: Source) -> Content:
         summary=_summary(source.progress),
         share=_share(source.progress),
         notes=(*_lost(source, groups), *source.notes),
+        marks="".join(f" {mark}" for mark in _marks(source)),
         measures=MEASURES,
         data={
             "sections": [_chart_data(group, table) for group, table in zip(groups, tables, strict=True)],
@@ -121,6 +123,11 @@ def content_of(source: Source) -> Content:
 def _names(source: Source) -> set[str]:
     """Return the names of all agents, planned ones too."""
     return {one.agent for one in _runs(source)}
+
+
+def _marks(source: Source) -> list[str]:
+    """Return a sentence for each mark that an agent's name bears in charts."""
+    return explained((one.privileged, one.information) for one in _runs(source))
 
 
 def _runs(source: Source) -> Sequence[Result | RunSpec]:

@@ -19,7 +19,7 @@ from sprl_bench.tables.aggregates import Improvement, improvement_of, profile_of
 from sprl_bench.tables.table import MEASURES, Estimate
 
 Numbers = list[float | None]
-MOST_NUMBERS: Final = 250_000
+MOST_NUMBERS: Final = 200_000
 """Of logged metrics in a page; where there are more, means over seeds are shown, in fewer bins."""
 
 
@@ -108,9 +108,7 @@ def metrics_of(logged: Sequence[Logged]) -> dict[str, Any]:
     The result holds `names`; `panels`, pairs of suite and task; `bins`; `means_only`, whether single runs are left out;
     and `lines`, one for each metric, panel and agent that has it.
     """
-    names = sorted(
-        {name for _, lines in logged for line in lines for name in line if _is_number(line[name])} - {*CLOCK}
-    )
+    names = sorted({name for _, lines in logged for name in _numbers_of(lines)} - {*CLOCK})
     panels = sorted({(spec.suite, spec.task.name) for spec, _ in logged})
     budgets = {(spec.suite, spec.task.name): spec.task.budget for spec, _ in logged}
     groups: dict[tuple[int, str], list[Logged]] = defaultdict(list)
@@ -129,6 +127,12 @@ def metrics_of(logged: Sequence[Logged]) -> dict[str, Any]:
             if (line := _metric(runs, name, bins, means_only, metric=number, panel=panel, agent=agent))
         ],
     }
+
+
+def _numbers_of(lines: Sequence[Mapping[str, Any]]) -> set[str]:
+    """Return the names that have a number in some line."""
+    names = set[str]().union(*lines)
+    return {name for name in names if any(_is_number(line.get(name)) for line in lines)}
 
 
 def _is_number(value: object) -> bool:

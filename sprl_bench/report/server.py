@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import ipaddress
 import logging
@@ -64,7 +65,7 @@ def make_server(
         every_s: The page is made at most this often.
 
     Raises:
-        OSError: The address is in use or not this machine's.
+        OSError: The address is in use or not this machine's; the message says which argument must change.
     """
     page = FreshPage(make, every_s)
 
@@ -72,9 +73,21 @@ def make_server(
         def page(self) -> bytes:
             return page.read()
 
-    server = ThreadingHTTPServer((host, port), Handler)
+    try:
+        server = ThreadingHTTPServer((host, port), Handler)
+    except OSError as error:
+        raise OSError(_refusal(host, port, error)) from error
     server.daemon_threads = True
     return server
+
+
+def _refusal(host: str, port: int, error: OSError) -> str:
+    """Return why a server cannot listen, as a sentence."""
+    if error.errno == errno.EADDRINUSE:
+        return f"port is {port}; it must be free, and another program listens there. 0 takes a free one."
+    if error.errno == errno.EACCES:
+        return f"port is {port}; it must be one that you may listen at, 1024 or above. 0 takes a free one."
+    return f"host is {host!r}; it must be an address of this machine."
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -77,6 +77,21 @@ def test_the_best_agent_is_compared_with_each_other_one(make_record: MakeRecord)
     assert tuple(segment[:, 0]) == pytest.approx(wanted)
 
 
+def test_privileged_agents_are_marked_and_the_mark_is_explained(make_record: MakeRecord) -> None:
+    records = [
+        make_record(agent, seed=seed, level=level, privileged=agent == "oracle")
+        for agent, level in {"oracle": 0.9, "ppo": 0.5}.items()
+        for seed in range(2)
+    ]
+    matrices, labels = plots.suite_matrices(records), plots.suite_labels(records)
+    profiles = plots.draw_profiles(matrices, labels=labels)
+    assert [text.get_text() for text in profiles.legends[0].texts] == ["oracle †", "ppo"]
+    assert profiles.get_supxlabel().split()[-2:] == ["†", "privileged."]
+    improvement = plots.draw_improvement(matrices, labels=labels)
+    assert improvement.axes[0].get_xlabel() == "P(oracle † > agent)"
+    assert "†" not in plots.draw_profiles(matrices).get_supxlabel()
+
+
 def test_an_agent_has_one_colour_in_every_picture(make_record: MakeRecord) -> None:
     records = [make_record(agent, seed=seed) for agent in ("ppo", "mine") for seed in range(2)]
     curves = plots.draw_curves(tabulate(records), [Result.of(one) for one in records]).axes[0]

@@ -2,35 +2,28 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from browsers import SCREENS, chromium, needs_chromium, picture, quiet_page, serious_faults
 
 from sprl_bench.records import RunRecord
 from sprl_bench.report import Progress, of_runs, write_report
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-CHROMIUM = shutil.which("chromium")
-AXE = Path(os.environ.get("AXE", "axe.min.js"))
 HOSTILE = ("a & b 'c'", "אבג דהו", "m" * 150)
 ATTACK = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 MakeRecord = Callable[..., RunRecord]
 
-pytestmark = pytest.mark.skipif(not CHROMIUM, reason="chromium is not installed")
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as driver:
-        flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=flags)
+    with chromium() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")
@@ -60,22 +53,12 @@ def report(make_record: MakeRecord, tmp_path_factory: pytest.TempPathFactory) ->
     return path
 
 
-@pytest.fixture(scope="module", params=[(1280, 900, "light"), (390, 844, "dark")], ids=["desktop", "phone"])
+@pytest.fixture(scope="module", params=SCREENS)
 def page(request: pytest.FixtureRequest, browser: Any, report: Path) -> Iterator[Any]:
-    width, height, scheme = request.param
-    context = browser.new_context(
-        viewport={"width": width, "height": height}, color_scheme=scheme, offline=True, accept_downloads=True
-    )
-    opened = context.new_page()
-    complaints: list[str] = []
-    opened.on("console", lambda message: complaints.append(message.text))
-    opened.on("pageerror", lambda error: complaints.append(str(error)))
-    opened.on("request", lambda sent: complaints.append(sent.url) if sent.url.startswith("http") else None)
-    opened.goto(report.as_uri())
-    drawn(opened)
-    yield opened
-    context.close()
-    assert complaints == []
+    with quiet_page(browser, request.param) as opened:
+        opened.goto(report.as_uri())
+        drawn(opened)
+        yield opened
 
 
 def drawn(page: Any) -> None:
@@ -180,20 +163,28 @@ def test_seeds_are_listed_and_downloaded(page: Any, tmp_path: Path) -> None:
 
 
 def test_axe_finds_no_serious_fault(page: Any) -> None:
-    if not AXE.exists():
-        pytest.skip("axe-core is not there; AXE must name its axe.min.js")
-    page.evaluate(AXE.read_text(encoding="utf-8"))
-    found = page.evaluate("axe.run()")
-    bad = [
-        (fault["id"], [node["html"][:200] for node in fault["nodes"][:3]])
-        for fault in found["violations"]
-        if fault["impact"] in ("serious", "critical")
-    ]
-    assert bad == []
+    assert serious_faults(page) == []
+
+
+def test_charts_mark_privileged_agents_and_explain_the_mark(page: Any) -> None:
+    assert "gt-grid †" in page.locator("[data-kind=interval] svg.marks").inner_html()
+    for kind in ("interval", "improvement", "profile"):
+        caption = page.locator("figure", has=page.locator(f"[data-kind={kind}]")).locator("figcaption")
+        assert "† privileged" in caption.inner_text()
+
+
+def test_paper_has_the_legend_but_no_hints_for_the_screen(page: Any) -> None:
+    page.emulate_media(media="print")
+    shown = page.locator("body").inner_text()
+    assert "Point at a curve" not in shown
+    assert "The buttons sort" not in shown
+    assert not page.locator("[data-download=seeds]").is_visible()
+    assert page.locator("#agents li svg").first.is_visible()
+    taken = picture(page, "report-print")
+    page.emulate_media(media="screen")
+    assert "Point at a curve" in page.locator("body").inner_text()
+    assert len(taken) > 50_000
 
 
 def test_pictures_of_the_page_are_kept(page: Any) -> None:
-    folder = Path(os.environ.get("SCREENSHOTS", "")) if os.environ.get("SCREENSHOTS") else None
-    width = page.viewport_size["width"]
-    taken = page.screenshot(path=folder / f"report-{width}.png" if folder else None, full_page=True)
-    assert len(taken) > 50_000
+    assert len(picture(page, "report")) > 50_000

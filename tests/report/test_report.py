@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import http.client
 import json
+import os
 import re
 import threading
 from collections.abc import Callable, Iterator
@@ -181,6 +182,51 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
     record.write_text("{")
     assert str(record) in refused(capsys, "report", runs, "-o", output)[1]
     assert not list(tmp_path.glob("*.html"))
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_an_output_that_cannot_be_written_is_named(
+    grid_7x7: list[RunRecord], write_runs: WriteRuns, tmp_path: Path, capsys: Capture
+) -> None:
+    runs, locked = write_runs(grid_7x7), tmp_path / "locked"
+    locked.mkdir(mode=0o500)
+    for output in (Path("/proc/report.html"), Path("/dev/full"), *([locked / "report.html"] if os.geteuid() else [])):
+        status, sentence = refused(capsys, "report", runs, "-o", output)
+        assert status == 1
+        assert sentence.startswith(f"{output}: ")
+    assert not list(locked.iterdir())
+
+
+def test_an_old_report_outlives_a_broken_record(
+    grid_7x7: list[RunRecord], write_runs: WriteRuns, tmp_path: Path, capsys: Capture
+) -> None:
+    runs, output = write_runs(grid_7x7), tmp_path / "report.html"
+    output.write_text("old")
+    broken = next(runs.rglob("record.json"))
+    broken.write_text("{")
+    assert str(broken) in refused(capsys, "report", runs, "-o", output)[1]
+    assert output.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["report.html"]
+    assert call(capsys, "report", runs, "-o", output, "--allow-missing")[0] == 0
+    assert f"Cannot be read: {broken}" in html.unescape(output.read_text())
+
+
+def test_a_name_that_is_neither_runs_nor_a_board_is_refused_with_both(tmp_path: Path, capsys: Capture) -> None:
+    for words in (["report", tmp_path / "no-runs"], ["report", "no-board"]):
+        _, sentence = refused(capsys, *words, "-o", tmp_path / "report.html")
+        assert "There is no folder" in sentence
+        assert "grid-7x7" in sentence
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_address_that_is_not_to_be_had_is_named(
+    grid_7x7: list[RunRecord], write_runs: WriteRuns, address: tuple[str, int], capsys: Capture
+) -> None:
+    runs = write_runs(grid_7x7)
+    assert f"port is {address[1]}; it must be free" in refused(capsys, "watch", runs, "--port", address[1])[1]
+    for host in ("192.0.2.1", "no such host"):
+        assert f"host is '{host}'; it must be an address" in refused(capsys, "watch", runs, "--host", host)[1]
+    assert "--port" in refused(capsys, "watch", runs, "--port", 99_999)[1]
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@
     for (const { agent, mean, low, high, runs, seeds } of items) {
       mean.forEach((y, i) => {
         if (y == null) return;
-        const row = { agent, x: xs[i], y, interval: span(low?.[i], high?.[i]) };
+        const row = { agent, label: byName(agent).label, x: xs[i], y, interval: span(low?.[i], high?.[i]) };
         rows.means.push(row);
         if (low) rows.bands.push({ ...row, low: low[i], high: high[i] });
       });
@@ -98,12 +98,12 @@
       const [measure, task] = [choice(chart, "measure"), +choice(chart, "task")];
       const means = section.estimates
         .filter((line) => line.measure === measure && line.task === task && isShown(line.agent))
-        .map((line) => ({ ...line, x: line.value, interval: span(line.low, line.high) }));
+        .map((line) => ({ ...line, label: byName(line.agent).label, x: line.value, interval: span(line.low, line.high) }));
       const column = data.seed_columns.indexOf(measure);
       const taskName = section.tasks[task]?.name;
       const runs = data.seeds
         .filter((row) => column > 0 && row[0] === section.suite && row[1] === taskName && isShown(row[2]))
-        .map((row) => ({ agent: row[2], x: row[column] }));
+        .map((row) => ({ agent: row[2], label: byName(row[2]).label, x: row[column] }));
       means.sort((a, b) => b.x - a.x);
       return { rows: { means, runs }, name: `Intervals of ${measure}`, title: titleOf(chart, "measure") };
     },
@@ -112,14 +112,14 @@
       const reference = data.agents[choice(chart, "reference")].name;
       const means = section.improvements
         .filter((line) => line[1] === reference && isShown(line[0]))
-        .map(([agent, , x, low, high]) => ({ agent, x, low, high, interval: span(low, high) }));
+        .map(([agent, , x, low, high]) => ({ agent, label: byName(agent).label, x, low, high, interval: span(low, high) }));
       means.sort((a, b) => b.x - a.x);
-      return { rows: { means }, name: `Probability of improvement over ${reference}` };
+      return { rows: { means }, name: `Probability of improvement over ${byName(reference).label}` };
     },
   };
 
   function described({ name, rows }) {
-    const last = new Map(rows.means.map((row) => [row.agent, row.y ?? row.x]));
+    const last = new Map(rows.means.map((row) => [row.label, row.y ?? row.x]));
     return `${name}. ${[...last].map(([agent, value]) => `${agent}: ${value}`).join("; ") || "No agent is shown"}.`;
   }
 
@@ -378,6 +378,13 @@
     if (item) lightUp(data.agents[item.dataset.agent ?? one("input", item).dataset.agent].name);
     else if (!target.closest?.(".chart")) lightUp("");
   });
+
+  let wasOpen = true; // the list of agents is the legend, which paper needs
+  addEventListener("beforeprint", () => {
+    wasOpen = one("#agents details").open;
+    one("#agents details").open = true;
+  });
+  addEventListener("afterprint", () => { one("#agents details").open = wasOpen; });
 
   one("#single").checked = data.seeds.length <= MOST_SINGLE;
   if (matchMedia("(max-width: 48rem)").matches) one("#agents details").open = false;
