@@ -1,107 +1,39 @@
 """A suite that is killed anywhere gives the files of one that was not, byte for byte, and leaves nothing else behind.
 
-Two domains, tiny budgets. CI tries 12 moments with four agents; `SPRL_KILLS=200` tries as many as it says, with all.
+CI tries 12 moments, with four agents on a grid and one on Fetch; `SPRL_KILLS=200` tries as many as it says, with all
+agents on both. Every other suite is the first process of a PID namespace, as in a container.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-import queue
 import random
 import signal
 import subprocess
 import sys
-import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import psutil
+import pytest
 from run_files import LASTING, files_of
+from suite_server import Server, namespaces_allowed, specs
 
-from sprl_bench.records.folder import RECORD
+from sprl_bench.records.folder import CHECKPOINT, METRICS, RECORD
 
 KILLS: Final = int(os.environ.get("SPRL_KILLS", "12"))
-SERVER: Final = """
-import multiprocessing, os, signal, sys, tempfile, traceback
-from pathlib import Path
-from sprl_bench.executors import local, make_executor
-from sprl_bench.run import run
-from sprl_bench.suite import expand, run_suite
-from sprl_bench.tasks import find_suite
-
-MANY = int(os.environ.get("SPRL_KILLS", "12")) > 12
-AGENTS = ("random,ppo,eco,sprl" + ",icm,rnd,count,gt-grid,gt-sprl" * MANY).split(",")
-SPECS = [
-    *expand(find_suite("smoke"), AGENTS, [0], budget=1_600),
-    *expand(find_suite("fetch"), ["ppo"], [0], tasks=["FetchReach"], budget=1_600),
+WHICH: Final = "few" if KILLS <= 12 else "all"
+KILLS_A_SUITE: Final = 6
+RUNS_A_SUITE: Final = 4
+KINDS: Final = ("plain", "first") if namespaces_allowed() else ("plain",)
+HOW: Final = [
+    f"{whom} {name} {times}"
+    for name, times in (("SIGKILL", 1), ("SIGTERM", 1), ("SIGINT", 1), ("SIGINT", 2))
+    for whom in ("group", "parent", "worker")
 ]
-
-def work(out):
-    os.setsid()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        done = run_suite(SPECS, Path(out), executor=make_executor("local", 1), keep_actions=True)
-    except KeyboardInterrupt:
-        return 130
-    except BaseException:
-        traceback.print_exc()
-        return 2
-    return any(one.status == "failed" for one in done)
-
-# Everything is loaded once, and each suite is forked from here with its workers, so that a start costs nothing.
-with tempfile.TemporaryDirectory() as folder:
-    for spec in SPECS:
-        run(spec, Path(folder))
-fork = multiprocessing.get_context("fork")
-local.multiprocessing.get_context = lambda _: fork
-print("ready", flush=True)
-for line in sys.stdin:
-    if (child := os.fork()) == 0:
-        os._exit(work(line.strip()))
-    print(child, flush=True)
-    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
-"""
-
-
-class Server:
-    """Starts suites, each in a process group of its own."""
-
-    def __init__(self, folder: Path) -> None:
-        script = folder / "server.py"
-        script.write_text(SERVER)
-        self._process = subprocess.Popen(
-            [sys.executable, script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
-        )
-        self._lines: queue.Queue[str] = queue.Queue()
-        threading.Thread(target=self._read, daemon=True).start()
-        assert self._lines.get(timeout=600) == "ready"
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line.strip())
-
-    def start(self, out: Path) -> int:
-        """Start a suite, and return its process, which leads a group."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{out}\n")
-        return int(self._lines.get(timeout=60))
-
-    def wait(self, seconds: float) -> int | None:
-        """Return the exit status of the suite; None if it has not ended within a while."""
-        try:
-            return int(self._lines.get(timeout=seconds))
-        except queue.Empty:
-            return None
-
-    def close(self) -> None:
-        self._process.kill()
-        self._process.wait()
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                stream.close()
 
 
 def signal_it(suite: int, how: str, generator: random.Random) -> None:
@@ -119,13 +51,6 @@ def signal_it(suite: int, how: str, generator: random.Random) -> None:
         time.sleep(generator.uniform(0.0, 0.3))
 
 
-HOW: Final = [
-    f"{whom} {name} {times}"
-    for name, times in (("SIGKILL", 1), ("SIGTERM", 1), ("SIGINT", 1), ("SIGINT", 2))
-    for whom in ("group", "parent", "worker")
-]
-
-
 def wait_for_the_group(suite: int) -> None:
     """Wait until no process of a suite is left, as an orphan of a killed parent must end by itself."""
     deadline = time.monotonic() + 60
@@ -140,31 +65,108 @@ def _is_of(process: psutil.Process, suite: int) -> bool:
     return False
 
 
+class Killer:
+    """Starts suites and kills them at random moments until they have been killed often enough.
+
+    Attributes:
+        kills: Signals sent, one or two each.
+    """
+
+    def __init__(self, server: Server, seconds_a_run: float) -> None:
+        self._server, self._generator = server, random.Random(20)
+        self._between_s = seconds_a_run * RUNS_A_SUITE / 3
+        self.kills = 0
+
+    def finish(self, out: Path, indices: list[int], kind: str) -> list[str]:
+        """Start the suite again and again until it has finished; return how it was killed."""
+        tried: list[str] = []
+        while True:
+            suite = self._server.start(out, indices, kind)
+            status = self._finished_or_killed(suite, tried)
+            assert status != 2, tried
+            wait_for_the_group(suite)
+            if status == 0:
+                return tried
+
+    def _finished_or_killed(self, suite: int, tried: list[str]) -> int | None:
+        """Return the exit status of a suite; kill it before, if that is not done often enough."""
+        if self.kills >= KILLS or len(tried) >= KILLS_A_SUITE:
+            return self._server.wait(600)
+        status = self._server.wait(self._generator.uniform(0.0, self._between_s))
+        if status is not None:
+            return status
+        tried.append(HOW[self.kills % len(HOW)])
+        self.kills += 1
+        signal_it(suite, tried[-1], self._generator)
+        return self._server.wait(600)
+
+
+def decks(generator: random.Random) -> Iterator[list[int]]:
+    """Yield the runs of each suite: over all suites each run comes equally often."""
+    left: list[int] = []
+    while True:
+        while len(left) < RUNS_A_SUITE:
+            left += generator.sample(range(len(specs(WHICH))), len(specs(WHICH)))
+        yield sorted(set(left[:RUNS_A_SUITE]))
+        left = left[RUNS_A_SUITE:]
+
+
+def files_of_runs(expected: dict[str, Any], indices: list[int]) -> dict[str, Any]:
+    """Return the files of some of the runs."""
+    places = tuple(f"{specs(WHICH)[index].path(Path())}/" for index in indices)
+    return {name: content for name, content in expected.items() if name.startswith(places)}
+
+
 def test_a_suite_that_is_killed_anywhere_ends_in_the_same_files(tmp_path: Path) -> None:
-    generator = random.Random(20)
-    with contextlib.closing(Server(tmp_path)) as server:
-        begun = time.monotonic()
-        server.start(tmp_path / "whole")
-        assert server.wait(600) == 0
-        lasts = time.monotonic() - begun
+    with contextlib.closing(Server(WHICH)) as server:
+        begun, everything = time.monotonic(), list(range(len(specs(WHICH))))
+        server.start(tmp_path / "whole", everything)
+        assert server.wait(900) == 0
         expected = files_of(tmp_path / "whole")
         assert {Path(name).name for name in expected} <= LASTING
-        kills = chains = 0
-        while kills < KILLS:
-            out, tried = tmp_path / f"killed-{chains}", list[str]()
-            chains += 1
-            status: int | None = None
-            while status != 0:
-                suite = server.start(out)
-                status = server.wait(generator.uniform(0.0, lasts / 3)) if kills < KILLS and len(tried) < 12 else None
-                if status is None and kills < KILLS and len(tried) < 12:
-                    tried.append(HOW[kills % len(HOW)])
-                    signal_it(suite, tried[-1], generator)
-                    kills += 1
-                status = server.wait(600) if status is None else status
-                assert status != 2, tried
-                wait_for_the_group(suite)
-            assert files_of(out) == expected, tried
-    print(
-        f"{kills} kills in {chains} suites of {len(list((tmp_path / 'whole').rglob(RECORD)))} runs: all files identical"
-    )
+        assert len(files_of_runs(expected, everything)) == len(expected)
+        killer = Killer(server, (time.monotonic() - begun) / len(everything))
+        for number, indices in enumerate(decks(random.Random(0))):
+            out = tmp_path / f"killed-{number}"
+            tried = killer.finish(out, indices, KINDS[number % len(KINDS)])
+            assert files_of(out) == files_of_runs(expected, indices), tried
+            print(f"{killer.kills} kills in {number + 1} suites: all files identical", flush=True)
+            if killer.kills >= KILLS:
+                break
+
+
+# --------------------------------------------------------------------------- the command as PID 1
+
+
+COMMAND: Final = ["unshare", "--pid", "--fork", "--mount-proc", "--kill-child", sys.executable, "-m", "sprl_bench"]
+WORDS: Final = ["run", "--suite", "smoke", "--agents", "ppo", "--seeds", "1", "--budget", "12000", "--device", "cpu"]
+
+
+def started(out: Path) -> tuple[subprocess.Popen[str], psutil.Process]:
+    """Start the command as PID 1; return the process outside and the one inside, once it trains."""
+    before = sum(path.stat().st_size for path in out.rglob(METRICS))
+    command = subprocess.Popen([*COMMAND, *WORDS, "--out", str(out)], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 180
+    while sum(path.stat().st_size for path in out.rglob(METRICS)) <= before:
+        assert command.poll() is None, command.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return command, psutil.Process(command.pid).children()[0]
+
+
+@pytest.mark.skipif(len(KINDS) == 1, reason="this user may not make a PID namespace")
+def test_the_first_process_of_a_container_saves_and_continues(tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    for name in ("SIGTERM", "SIGINT"):
+        command, first = started(out)
+        first.send_signal(signal.Signals[name])
+        said = command.communicate(timeout=120)[1]
+        assert command.returncode == 130, said
+        assert said.splitlines()[-1] == "sprl-bench: Interrupted; the same command continues from here."
+        assert list(out.rglob(CHECKPOINT))
+    done = subprocess.run([*COMMAND, *WORDS, "--out", str(out)], capture_output=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    whole = [sys.executable, "-m", "sprl_bench", *WORDS, "--out", str(tmp_path / "whole")]
+    assert subprocess.run(whole, capture_output=True, check=False, timeout=300).returncode == 0
+    assert list(out.rglob(RECORD))
+    assert files_of(out) == files_of(tmp_path / "whole")
