@@ -1,4 +1,4 @@
-# Every target sets up what it needs: a virtual environment with the pinned versions of constraints.txt.
+# Every target sets up what it needs: a virtual environment with the pinned versions of constraints-ci.txt.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -11,13 +11,13 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 BENCH_READY := $(VENV)/.bench-ready
 NAVIX_READY := $(VENV)-navix/.ready
-PIP := PIP_CONSTRAINT=constraints.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
+PIP := PIP_CONSTRAINT=constraints-ci.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
 .PHONY: run test test-long test-upstream lint types docs bench setup clean
 
 setup: $(READY)
 
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints.txt constraints-ci.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 11) <= v <= (3, 13) else f"Python {v[0]}.{v[1]}: sprl-bench needs 3.11 to 3.13; name one with make PYTHON=python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	@echo "Installing into $(VENV); the first time takes a few minutes."
@@ -36,7 +36,7 @@ test-long: setup ## The long versions of the differential tests too.
 
 test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on the last MuJoCo that it works with.
 	$(PYTHON) -m venv $(VENV)-upstream
-	grep -v '^mujoco==' constraints.txt > $(VENV)-upstream/constraints.txt
+	grep -hv -e '^mujoco==' -e '^-c' constraints.txt constraints-ci.txt > $(VENV)-upstream/constraints.txt
 	PIP_CONSTRAINT=$(VENV)-upstream/constraints.txt $(VENV)-upstream/bin/python -m pip install -q -e '.[fetch]' \
 		'mujoco==3.11.*' pytest hypothesis
 	$(VENV)-upstream/bin/python -m pytest tests/envs/fetch/test_upstream.py

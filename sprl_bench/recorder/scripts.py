@@ -17,6 +17,7 @@ from typing import Any
 
 import gymnasium
 
+from sprl_bench.recorder.foreign_workers import refusing_workers
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.script_run import NONE, AnyEnv, ScriptRun, run_of, spec_of
 
@@ -84,6 +85,11 @@ class Recording:
         """The folders of this block's records, written or not."""
         return list(self._runs)
 
+    @property
+    def is_paused(self) -> bool:
+        """Whether environments that are made now are not recorded."""
+        return self._paused
+
     @contextlib.contextmanager
     def paused(self) -> Iterator[None]:
         """Do not record the environments that are made inside, such as those for evaluation."""
@@ -140,7 +146,8 @@ def recording(
     Each task has one record; environments of the same task are the sub-environments of one run and must be stepped in
     turn. Make those for evaluation before the block, or inside `with recording.paused():`. After a record is complete,
     further environments of its task are not recorded, with a warning. When the block ends, unfinished runs are written
-    as incomplete. Environments of other processes are not recorded, nor those of a `make` imported by name.
+    as incomplete. Environments of other processes are not recorded, nor those of a `make` imported by name; vector
+    environments of other libraries that start processes, such as `SubprocVecEnv`, are refused.
 
     The arguments are those of `record`.
 
@@ -156,7 +163,8 @@ def recording(
     make, make_vec = gymnasium.make, gymnasium.make_vec
     gymnasium.make, gymnasium.make_vec = _recorded(make, block), _recorded(make_vec, block)
     try:
-        yield block
+        with refusing_workers(lambda: block.is_paused):
+            yield block
     finally:
         gymnasium.make, gymnasium.make_vec = make, make_vec
         block.finish()

@@ -45,6 +45,10 @@ class Listener:
 SILENT: Final = Listener()
 NO_TAPE: Final = NoTape()
 UNCOPYABLE: Final = "A recorded environment cannot be copied or pickled; record each environment where it is used."
+HABIT: Final = (
+    "A library may have given it: Stable-Baselines3 does after load(path, env=env); load the model without env, then "
+    "call set_env(env)."
+)
 UNRESET: Final = "A recorded environment must be reset() before its first step, so that no episode is recorded in part."
 
 
@@ -58,7 +62,7 @@ def _refuse_seed(seed: Any) -> None:
     if any(one is not None for one in seeds):
         raise ValueError(
             f"seed is {seed!r}, but recorded steps have been taken, and only a reset() before them may be seeded: "
-            "later episodes continue its random stream. Call reset() without a seed."
+            f"later episodes continue its random stream. Call reset() without a seed. {HABIT}"
         )
 
 
@@ -103,7 +107,7 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         """
         if seed is not None and self._seeded:
             raise ValueError(
-                f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed."
+                f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed. {HABIT}"
             )
         if self.episode_log.env_steps and not self.episode_log.complete and self._listener.recording:
             _refuse_seed(seed)

@@ -354,6 +354,36 @@ def test_gymnasiums_vector_wrappers_work() -> None:
     assert any("episode" in result[4] for result in results)
 
 
+@pytest.mark.parametrize("wrapper", ["FlattenObservation", "NormalizeObservation", "NormalizeReward"])
+def test_gymnasiums_vector_wrappers_give_what_they_give_over_its_own_environments(wrapper: str) -> None:
+    """The first two refuse `SameStep`, and so did those over `SyncVectorEnv`: with its mode they are equal."""
+    wrap = getattr(gymnasium.wrappers.vector, wrapper)
+    own = gymnasium.make_vec(IDS[0], 4, autoreset_mode="NextStep")
+    sync = gymnasium.make_vec(IDS[0], 4, vectorization_mode="sync")
+    wrapped = [wrap(envs) for envs in (own, sync)]
+    first, other = [envs.reset(seed=3)[0] for envs in wrapped]
+    np.testing.assert_array_equal(first, other)
+    generator = np.random.default_rng(0)
+    for _ in range(250):
+        actions = generator.integers(7, size=4)
+        steps = [envs.step(actions) for envs in wrapped]
+        for ours, theirs in zip(steps[0][:4], steps[1][:4], strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
+def test_a_swap_for_gymnasiums_own_environments_changes_nothing_in_the_same_mode(mode: str) -> None:
+    keywords = {"autoreset_mode": AutoresetMode(mode)}
+    ours = gymnasium.make_vec(IDS[0], 3, autoreset_mode=mode)
+    theirs = gymnasium.make_vec(IDS[0], 3, vectorization_mode="sync", vector_kwargs=keywords)
+    assert ours.metadata["autoreset_mode"] is theirs.metadata["autoreset_mode"]
+    np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=5)[0])
+    for step in range(220):
+        results = [envs.step(np.full(3, step % 7)) for envs in (ours, theirs)]
+        for one, other in zip(results[0][:4], results[1][:4], strict=True):
+            np.testing.assert_array_equal(one, other)
+
+
 def test_threads_cover_every_item_once_and_only_where_it_pays() -> None:
     import threading
 

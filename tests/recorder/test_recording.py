@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import multiprocessing
+import time
 from pathlib import Path
 from typing import Any
 
@@ -159,3 +161,65 @@ def test_a_block_that_recorded_nothing_says_so(tmp_path: Path) -> None:
         sprl_bench.recording(out=tmp_path, agent="mine", seed=0),
     ):
         gymnasium.make("CartPole-v1")
+
+
+# --------------------------------------------------------------------------- processes, and libraries that seed
+
+
+@pytest.mark.parametrize("start_method", [None, "spawn"])
+def test_a_library_that_puts_environments_into_processes_is_refused_at_the_start(
+    start_method: str | None, tmp_path: Path
+) -> None:
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    with (
+        pytest.warns(UserWarning, match="Nothing was recorded"),
+        sprl_bench.recording(out=tmp_path, agent="mine", seed=0),
+        pytest.raises(RuntimeError, match=r"recording\(\) does not reach; .* DummyVecEnv.*recording.paused\(\)"),
+    ):
+        make_vec_env(ID, 2, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": start_method})  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_environments_for_evaluation_may_have_processes(tmp_path: Path) -> None:
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0) as block:
+        with block.paused():
+            evaluation = make_vec_env(ID, 1, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": "fork"})  # type: ignore[arg-type]
+        play(gymnasium.make(ID), 10)
+        evaluation.reset()
+        evaluation.close()
+    assert only_record(tmp_path).totals.env_steps == 10
+
+
+def test_processes_of_other_kinds_are_started_and_none_is_refused_after_the_block(tmp_path: Path) -> None:
+    start = multiprocessing.process.BaseProcess.start
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0):
+        process = multiprocessing.Process(target=time.sleep, args=(0,))
+        process.start()
+        process.join()
+        envs = gymnasium.make_vec(ID, 2, vectorization_mode="async")
+        play_all(envs, 60)
+        envs.close()
+    assert process.exitcode == 0
+    assert only_record(tmp_path).totals.env_steps == 120
+    assert multiprocessing.process.BaseProcess.start is start
+
+
+def test_a_model_that_is_loaded_with_its_environment_is_told_what_to_do_instead(tmp_path: Path) -> None:
+    from stable_baselines3 import PPO
+
+    env = sprl_bench.record(gymnasium.make(ID), out=tmp_path, agent="mine", seed=0, budget=1_000)
+    model = PPO("MlpPolicy", env, n_steps=64, n_epochs=1, seed=3, device="cpu").learn(64)
+    model.save(tmp_path / "model")
+    loaded = PPO.load(tmp_path / "model", env=env, device="cpu")
+    with pytest.raises(ValueError, match=r"seed is 3, .* load the model without env, then call set_env"):
+        loaded.learn(64)
+    again = PPO.load(tmp_path / "model", device="cpu")
+    again.set_env(env)
+    again.learn(64)
+    env.close()
+    assert only_record(tmp_path).totals.env_steps == 128
