@@ -1,4 +1,4 @@
-"""The engines as vector environments of Stable-Baselines3: equal to its own, recorded or not, and under its wrappers."""
+"""The engines as vector environments of Stable-Baselines3: equal to its own, recorded or not, under its wrappers."""
 
 from __future__ import annotations
 

@@ -100,6 +100,11 @@ class VectorRecorder(Wrapped):
         self._listener = listener
 
     @property
+    def _recorded(self) -> bool:
+        """Whether what happens now is part of the record."""
+        return not self.episode_log.complete and self._listener.recording
+
+    @property
     def seeded(self) -> bool:
         """Whether the environment already has its seed, so that `reset` refuses another one."""
         return self._seeded
@@ -119,12 +124,12 @@ class VectorRecorder(Wrapped):
             raise ValueError(
                 f"seed is {seed!r}, but these environments are seeded by the run: call reset() without a seed. {HABIT}"
             )
-        if self.episode_log.env_steps and not self.episode_log.complete and self._listener.recording:
+        if self.episode_log.env_steps and self._recorded:
             _refuse_seed(seed)
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
-        if not self.episode_log.complete:
+        if self._recorded:
             self.tape.reset(seed, None if mask is None else envs)
         self._unreset[envs] = False
         self._begun = not self._unreset.any()
@@ -141,7 +146,7 @@ class VectorRecorder(Wrapped):
             raise ResetNeeded(UNRESET)
         self._listener.stepping()
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        if not self.episode_log.complete:
+        if self._recorded:
             self.tape.step(actions)
         ended = np.logical_or(terminated, truncated)
         if self.episode_log.step(np.asarray(rewards, np.float64), ended, self._success(infos, ended)):
@@ -191,17 +196,22 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._listener = listener
         self._is_reset = self._has_stepped = False
 
+    @property
+    def _recorded(self) -> bool:
+        """Whether what happens now is part of the record."""
+        return not self.episode_log.complete and self._listener.recording
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Reset the environment; an unfinished episode counts as a failure.
 
         Raises:
             ValueError: A seed is given after the first recorded step.
         """
-        if self._has_stepped and not self.episode_log.complete and self._listener.recording:
+        if self._has_stepped and self._recorded:
             _refuse_seed(seed)
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
-        if not self.episode_log.complete:
+        if self._recorded:
             self.tape.reset(seed, env=self._index)
         self._is_reset = True
         self.episode_log.reset(self._here)
@@ -217,7 +227,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             raise ResetNeeded(UNRESET)
         self._listener.stepping()
         observation, reward, terminated, truncated, info = self.env.step(action)
-        if not self.episode_log.complete:
+        if self._recorded:
             self.tape.step(action, self._index)
         self._has_stepped = True
         ended = np.array([terminated or truncated])
@@ -236,7 +246,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def close(self) -> None:
         """Close the environment; an unfinished episode counts as a failure."""
-        if not self.episode_log.complete:
+        if self._recorded:
             self.tape.close(self._index)
         self.episode_log.reset(self._here)
         self._listener.closed()

@@ -223,3 +223,14 @@ def test_a_model_that_is_loaded_with_its_environment_is_told_what_to_do_instead(
     again.learn(64)
     env.close()
     assert only_record(tmp_path).totals.env_steps == 128
+
+
+def test_an_environment_outlives_its_block_also_with_actions_kept(tmp_path: Path) -> None:
+    with sprl_bench.recording(out=tmp_path, agent="mine", seed=0, budget=100, keep_actions=True):
+        env = gymnasium.make(ID)
+        env.reset(seed=0)
+        env.step(0)
+    env.reset(seed=1)
+    env.step(0)
+    env.close()
+    assert only_record(tmp_path).totals.env_steps == 1
