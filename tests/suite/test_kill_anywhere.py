@@ -93,15 +93,14 @@ class Killer:
                 return tried
 
     def _finished_or_killed(self, suite: int, tried: list[str]) -> int | None:
-        """Return the exit status of a suite; kill it before, if that is not done often enough."""
-        if self.kills >= KILLS or len(tried) >= KILLS_A_SUITE:
-            return self._server.wait(600)
-        status = self._server.wait(self._generator.uniform(0.0, self._between_s))
-        if status is not None:
-            return status
-        tried.append(HOW[self.kills % len(HOW)])
-        self.kills += 1
-        signal_it(suite, tried[-1], self._generator)
+        """Return the exit status of a suite, which gets signals at random moments until it ends, or has had enough."""
+        while self.kills < KILLS and len(tried) < KILLS_A_SUITE:
+            status = self._server.wait(self._generator.uniform(0.0, self._between_s))
+            if status is not None:
+                return status
+            tried.append(HOW[self.kills % len(HOW)])
+            self.kills += 1
+            signal_it(suite, tried[-1], self._generator)
         return self._server.wait(600)
 
 
