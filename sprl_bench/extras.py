@@ -39,6 +39,7 @@ EXTRAS: Mapping[str, Extra] = MappingProxyType(
         "fetch": Extra(("gymnasium_robotics", "mujoco"), "the Fetch environments"),
         "plots": Extra(("matplotlib", "pandas"), "sprl-bench plot, and results as data frames"),
         "ray": Extra(("ray",), "--executor ray"),
+        "sb3": Extra(("stable_baselines3",), "the engines as Stable-Baselines3's vector environments"),
         "slurm": Extra(("submitit",), "--executor slurm"),
         "tensorboard": Extra(("tensorboard",), "--log tensorboard"),
         "video": Extra(("imageio_ffmpeg", "imageio"), "sprl-bench video"),

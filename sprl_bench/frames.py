@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # the extra `plots`
     from pandas import DataFrame
 
 INDEX: Final = ("suite", "task", "agent", "seed")
-SPEC_COLUMNS: Final = ("preset", "privileged", "num_envs", "device", "torch_threads")
+SPEC_COLUMNS: Final = ("preset", "privileged", "num_envs", "observation", "device", "torch_threads")
 RECORD_COLUMNS: Final = ("fingerprint", "git_commit", "wall_time_s", "peak_memory_mib")
 TEXT: Final = "string[python]"
 NULLABLE: Final = MappingProxyType({bool: "boolean", float: "Float64", int: "Int64", str: TEXT})
@@ -33,10 +33,10 @@ NULLABLE: Final = MappingProxyType({bool: "boolean", float: "Float64", int: "Int
 def runs(root: str | Path) -> DataFrame:
     """Return one row a run, finished or not.
 
-    Columns: `status`, `budget`, `preset`, `privileged`, `num_envs`, `device`, `torch_threads`, `differences` (from the
-    preset, as JSON); the scores `auc`, `final`, `success_auc`, `success_final` and `steps_to_threshold`; the totals
-    `env_steps`, `episodes`, `abandoned`, `successes`, `mean_return` and `mean_length`; `fingerprint`, `git_commit`,
-    `wall_time_s`, `peak_memory_mib` and `cpu`.
+    Columns: `status`, `budget`, `preset`, `privileged`, `num_envs`, `observation`, `device`, `torch_threads`,
+    `differences` (from the preset, as JSON); the scores `auc`, `final`, `success_auc`, `success_final` and
+    `steps_to_threshold`; the totals `env_steps`, `episodes`, `abandoned`, `successes`, `mean_return` and `mean_length`;
+    `fingerprint`, `git_commit`, `wall_time_s`, `peak_memory_mib` and `cpu`.
 
     Args:
         root: The folder of all runs.

@@ -148,8 +148,10 @@ def _open(path: Path, options: Mapping[str, Any]) -> Iterator[Any]:
         with writer as film:
             yield film
         temporary.replace(path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename == str(temporary):
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
 
 

@@ -54,7 +54,7 @@ def test_types_do_not_depend_on_the_data(trained: Path, grid_7x7: list[RunRecord
     frame = frames.runs(write_runs(grid_7x7))
     assert frame.dtypes.map(str).to_dict() == frames.runs(trained).dtypes.map(str).to_dict()
     kinds = frame.dtypes.map(str).to_dict()
-    text = {"status", "preset", "differences", "device", "fingerprint", "git_commit", "cpu"}
+    text = {"status", "preset", "differences", "observation", "device", "fingerprint", "git_commit", "cpu"}
     assert {name for name, kind in kinds.items() if kind == "string"} == text
     assert {name for name, kind in kinds.items() if kind == "Int64"} == {"steps_to_threshold"}
     assert {name for name, kind in kinds.items() if kind == "bool"} == {"privileged"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
 from collections.abc import Collection, Sequence
@@ -138,3 +139,11 @@ def parse_seeds(text: str) -> list[int]:
     if not 0 < numbers[0] <= 10_000:
         raise ValueError(f"seeds is {text!r}; it must be from 1 to 10000 (a single seed is written as {text},).")
     return list(range(numbers[0]))
+
+
+def program_name() -> str:
+    """Return how the reader starts this program: by its name or, in an environment that is not active, by its path."""
+    started = Path(sys.argv[0])
+    if shutil.which("sprl-bench") or not started.name.startswith("sprl-bench"):
+        return "sprl-bench"
+    return shlex.quote(str(started))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -28,6 +29,7 @@ def report(
     allow_missing: Annotated[
         bool, typer.Option("--allow-missing", help="Leave out runs that cannot be read, and name them on the page.")
     ] = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
 ) -> None:
     """Make one page with tables, charts and provenance that opens without a network."""
     from sprl_bench.report import write_report
@@ -36,6 +38,15 @@ def report(
         raise ValueError(f"output is {str(output)!r}; it must end in .html.")
     write_report(_source(source, against, allow_missing=allow_missing), output)
     typer.echo(f"Wrote {output}.", err=True)
+    if show:
+        _open(output)
+
+
+def _open(page: Path) -> None:
+    """Open a page in a browser, or say how to."""
+    address = page.resolve().as_uri()
+    if not webbrowser.open(address):
+        typer.echo(f"No browser was found here; open {address} in one.", err=True)
 
 
 def watch(
@@ -86,6 +97,8 @@ def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source
     from sprl_bench.leaderboard import find_board
     from sprl_bench.report import of_runs
 
+    if runs.exists() and not runs.is_dir():
+        raise ValueError(f"runs is {str(runs)!r}; it must be a folder with runs.")
     found = find_runs(runs)
     states = found.states
     if not (allow_missing and states):

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sprl_bench.agent_names import parse_settings
-from sprl_bench.cli.options import KeepActions, find_modules_here, note_short_budgets, parse_seeds, split_names
+from sprl_bench.cli.options import (
+    KeepActions,
+    find_modules_here,
+    note_short_budgets,
+    parse_seeds,
+    program_name,
+    split_names,
+)
 
 if TYPE_CHECKING:  # loaded when the command needs them
     from sprl_bench.records import RunRecord, RunSpec
@@ -102,9 +109,10 @@ def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequ
     if complete:
         for suite in sorted({spec.suite for spec in specs}):
             typer.echo(f"Records: {out / run_path(suite, '*', '*', '*') / RECORD}")
-        typer.echo(f"Next:    sprl-bench table {shlex.quote(str(out))} --format md")
-        typer.echo(f"         sprl-bench plot {shlex.quote(str(out))} -o curves.png")
-        typer.echo(f"         sprl-bench report {shlex.quote(str(out))} -o report.html")
+        program, runs = program_name(), shlex.quote(str(out))
+        typer.echo(f"Next:    {program} report {runs} --open")
+        typer.echo(f"         {program} table {runs} --format md")
+        typer.echo(f"         {program} plot {runs} -o curves.png")
     if failed:
         print(
             f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; {ERROR} in their folders says why, and "

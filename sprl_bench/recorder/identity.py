@@ -49,11 +49,14 @@ class Identity:
         env_id: The Gymnasium id.
         arguments: Those given to `make` that can change an episode.
         defaults: Of the arguments that were not given.
+        observation: The form in which our own environment is seen, which does not change its task; empty for the
+            usual one.
     """
 
     env_id: str
     arguments: Mapping[str, Argument]
     defaults: Mapping[str, Argument]
+    observation: str = ""
 
 
 def identify(env: Env | Envs) -> Identity:
@@ -143,8 +146,10 @@ def _registered(made: EnvSpec | None) -> EnvSpec:
 
 
 def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
-    without = OF_MAKING | OF_SHOWING if registered.id.startswith(NAMESPACE) else OF_MAKING
+    ours = registered.id.startswith(NAMESPACE)
+    without = OF_MAKING | OF_SHOWING if ours else OF_MAKING
     own = {**_signature(registered), **registered.kwargs}
+    form = arguments.get("observation", "") if ours else ""
     given = {
         name: value.item() if isinstance(value, np.generic) else value
         for name, value in arguments.items()
@@ -154,7 +159,8 @@ def _identity(registered: EnvSpec, arguments: Mapping[str, Any]) -> Identity:
         **_defaults(registered),
         **{name: value for name, value in registered.kwargs.items() if isinstance(value, PLAIN)},
     }
-    return Identity(registered.id, given, {name: v for name, v in defaults.items() if name not in without})
+    defaults = {name: value for name, value in defaults.items() if name not in without}
+    return Identity(registered.id, given, defaults, "" if form == own.get("observation") else str(form))
 
 
 def _is_same(default: Any, value: Any) -> bool:

@@ -47,7 +47,9 @@ def spec_of(
     env: Any, *, suite: str | None, budget: int | None, score_range: tuple[float, float] | None, **rest: Any
 ) -> RunSpec:
     """Return the spec of an environment's run, as far as it is known at the start."""
-    return RunSpec.of(*choose_task(identify(env), suite, budget, score_range), source="", num_envs=1, **rest)
+    identity = identify(env)
+    task = choose_task(identity, suite, budget, score_range)
+    return RunSpec.of(*task, source="", num_envs=1, observation=identity.observation, **rest)
 
 
 def run_of(spec: RunSpec, folder: Path, *, keep_actions: bool = False) -> ScriptRun:

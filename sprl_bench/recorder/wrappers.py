@@ -7,7 +7,7 @@ chosen either, recording begins with a reset, and no reset after the first step 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, SupportsFloat
+from typing import TYPE_CHECKING, Any, Final, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -17,6 +17,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from sprl_bench.recorder.episodes import EpisodeLog
 from sprl_bench.recorder.tape import NoTape
+
+if TYPE_CHECKING:
+    Wrapped = VectorWrapper[Any, Any, Any, Any, Any]
+else:
+    Wrapped = VectorWrapper  # of gymnasium 1.2, it takes no parameters
 
 Mask = npt.NDArray[np.bool_]
 
@@ -66,7 +71,7 @@ def _refuse_seed(seed: Any) -> None:
         )
 
 
-class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
+class VectorRecorder(Wrapped):
     """Records a vector environment.
 
     Args:
@@ -93,6 +98,11 @@ class VectorRecorder(VectorWrapper[Any, Any, Any, Any, Any]):
         self._begun = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
+
+    @property
+    def seeded(self) -> bool:
+        """Whether the environment already has its seed, so that `reset` refuses another one."""
+        return self._seeded
 
     @property
     def autoreset_mode(self) -> AutoresetMode:

@@ -10,7 +10,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -41,13 +41,18 @@ def _raise(error: OSError) -> None:
 
 
 def find_files(root: Path, name: str, on_error: Callable[[OSError], None] = _raise) -> list[Path]:
-    """Return all files of a name below a folder, sorted; none if there is no such folder.
+    """Return all files of a name below a folder, sorted, as `find_folders` finds their folders."""
+    return [folder / name for folder in find_folders(root, (name,), on_error)]
+
+
+def find_folders(root: Path, names: Collection[str], on_error: Callable[[OSError], None] = _raise) -> list[Path]:
+    """Return all folders below a folder that hold a file of one of these names, sorted; none if there is no root.
 
     Linked folders are searched too, each folder once.
 
     Args:
         root: The folder.
-        name: That of the files.
+        names: Those of the files.
         on_error: Receives the error of each folder that may not be read.
 
     Raises:
@@ -57,13 +62,13 @@ def find_files(root: Path, name: str, on_error: Callable[[OSError], None] = _rai
         return []
     found, seen = [], set[tuple[int, int]]()
     for folder, folders, files in os.walk(root, onerror=on_error, followlinks=True):
-        status = os.stat(folder)  # noqa: PTH116 (a path for each folder would be slow)
+        status = os.stat(folder)  # noqa: PTH116 - a path for each folder would be slow
         if (status.st_dev, status.st_ino) in seen:
             folders.clear()
             continue
         seen.add((status.st_dev, status.st_ino))
-        if name in files:
-            found.append(Path(folder, name))
+        if not set(names).isdisjoint(files):
+            found.append(Path(folder))
     return sorted(found)
 
 

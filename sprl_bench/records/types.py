@@ -178,6 +178,9 @@ class RunSpec(Data):
     hyperparameters_hash: Line
     seed: Count
     num_envs: Positive
+    observation: Line = Field(
+        default="", description="The form in which the agent saw the environment; empty for the usual one."
+    )
     device: Line = "cpu"
     torch_threads: Positive = 1
 

@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.diagnostics import parse_line
 from sprl_bench.records.files import OnBroken, refuse
-from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_files, is_locked
+from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_folders, is_locked
 
 TAIL_BYTES: Final = 1 << 15
 
@@ -73,8 +73,7 @@ def survey(
 
 def _folders(root: Path, on_broken: OnBroken) -> list[Path]:
     """Return the folders of all runs, in the order of their paths."""
-    found = [find_files(root, name, lambda error: on_broken(Path(error.filename), error)) for name in (SPEC, RECORD)]
-    return sorted({path.parent for paths in found for path in paths})
+    return find_folders(root, (SPEC, RECORD), lambda error: on_broken(Path(error.filename), error))
 
 
 def _normal(folder: Path) -> Path:

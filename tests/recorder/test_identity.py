@@ -60,7 +60,7 @@ class Shaped(gymnasium.RewardWrapper[Any, Any]):
         return float(reward) + 1.0
 
 
-class Seen(gymnasium.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+class Seen(gymnasium.vector.VectorWrapper):
     """A vector wrapper that does nothing."""
 
 

@@ -281,6 +281,9 @@ def test_a_broken_file_keeps_the_last_page(make_record: MakeRecord, caplog: pyte
 
 def test_watch_needs_a_folder_with_runs(tmp_path: Path, capsys: Capture) -> None:
     assert "There are no runs in" in refused(capsys, "watch", tmp_path)[1]
+    (tmp_path / "file").touch()
+    assert "it must be a folder with runs." in refused(capsys, "watch", tmp_path / "file")[1]
+    assert "does not exist" in refused(capsys, "watch", tmp_path / "nothing")[1]
 
 
 def test_an_error_is_read_from_the_runs_folder(make_record: MakeRecord, tmp_path: Path, capsys: Capture) -> None:

@@ -26,8 +26,8 @@ def command(*words: object) -> list[str]:
 
 @pytest.fixture
 def suite(tmp_path: Path) -> Iterator[Path]:
-    """A suite that runs: two seeds of PPO, one after the other."""
-    words = ("--suite", "smoke", "--agents", "ppo", "--seeds", 2, "--workers", 1, "--budget", 60_000)
+    """A suite that runs, two seeds of PPO one after the other, until the test ends."""
+    words = ("--suite", "smoke", "--agents", "ppo", "--seeds", 2, "--workers", 1, "--budget", 400_000)
     with (tmp_path / "output.txt").open("w") as output:
         running = subprocess.Popen(
             command("run", *words, "--out", tmp_path / "runs"), stdout=output, stderr=output, start_new_session=True

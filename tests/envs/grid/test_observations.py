@@ -106,6 +106,7 @@ def test_task_and_score_do_not_depend_on_the_form(form: str, tmp_path: Path) -> 
         envs.close()
         [record] = find_records(tmp_path / name)
         assert record.spec.task.name == "FourRooms-7x7-3000"
+        assert record.spec.observation == ("" if name == "cells" else name)
         scores.append((record.scores, record.fingerprint, record.totals.episodes))
     assert scores[0] == scores[1]
     assert scores[0][2] > 20

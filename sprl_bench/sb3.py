@@ -1,0 +1,161 @@
+"""A Gymnasium vector environment as Stable-Baselines3 wants it, such as one of our engines, recorded or not.
+
+    from sprl_bench.sb3 import as_vec_env
+
+    envs = as_vec_env(gymnasium.make_vec("SPRL/FourRooms-7x7-v1", num_envs=12))
+    PPO("MlpPolicy", envs).learn(100_000)
+
+`make_vec_env` of Stable-Baselines3 steps single environments one after the other; this steps the engine once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from sprl_bench.extras import require_extra
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env import VecEnv
+else:
+    VecEnv = require_extra("stable_baselines3.common.vec_env").VecEnv
+
+Infos = Literal["ends", "all"]
+Indices = None | int | Iterable[int]
+UNSETTABLE: Final = "attr_name is {!r}, but no attribute can be set: the sub-environments are rows of arrays."
+
+
+def as_vec_env(envs: VectorEnv[Any, Any, Any], *, infos: Infos = "ends") -> GymnasiumVecEnv:
+    """Return a vector environment of Gymnasium as one of Stable-Baselines3.
+
+    Rewards are float32, as there. The info of a sub-environment whose episode ended holds its last observation as
+    `terminal_observation`, and `TimeLimit.truncated`. Put `VecMonitor` or `VecNormalize` on top as usual.
+
+    Args:
+        envs: N sub-environments that are reset in the step that ends their episode (`"SameStep"`).
+        infos: In which infos the environment's own values are: "ends" for those of steps that end an episode, all
+            others being empty, which is faster; "all" for those of every step.
+
+    Raises:
+        ValueError: The environments are reset at another time, or `infos` is neither.
+    """
+    return GymnasiumVecEnv(envs, infos)
+
+
+class GymnasiumVecEnv(VecEnv):
+    """See `as_vec_env`."""
+
+    def __init__(self, envs: VectorEnv[Any, Any, Any], infos: Infos) -> None:
+        mode = AutoresetMode(envs.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))
+        if mode is not AutoresetMode.SAME_STEP:
+            raise ValueError(f'envs has autoreset_mode="{mode.value}"; it must be "SameStep".')
+        if infos not in get_args(Infos):
+            raise ValueError(f"infos is {infos!r}; it must be 'ends' or 'all'.")
+        self.envs = envs
+        self._every_info = infos == "all"
+        self._actions: Any = None
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the next reset; without effect in a run of `sprl-bench run`, which has seeded its environments."""
+        super().seed(seed)
+        if getattr(self.envs, "seeded", False):
+            self._reset_seeds()
+        return self._seeds
+
+    def reset(self) -> Any:
+        """Reset all sub-environments, with the seeds of the last `seed()`, and return their observations [N, ...]."""
+        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
+        options = next((one for one in self._options if one), None)
+        observations, infos = self.envs.reset(seed=seeds, options=options)  # type: ignore[arg-type]  # a list is allowed
+        self.reset_infos = [_row(infos, row) for row in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return _owned(observations)
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Keep the actions for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Take a step.
+
+        Returns:
+            Observations [N, ...], rewards float32 [N], ends bool [N], and N infos.
+        """
+        observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
+        ended = np.logical_or(terminated, truncated)
+        own = [self._running(infos, row) for row in range(self.num_envs)]
+        for row in np.flatnonzero(ended).tolist():
+            own[row] = {
+                **_row(infos["final_info"], row),
+                "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
+                "terminal_observation": infos["final_obs"][row],
+            }
+            self.reset_infos[row] = _row(infos, row)
+        return _owned(observations), np.asarray(rewards, np.float32), ended, own
+
+    def _running(self, infos: Mapping[str, Any], row: int) -> dict[str, Any]:
+        """Return the info of a step that does not end the episode."""
+        return {**_row(infos, row), "TimeLimit.truncated": False} if self._every_info else {}
+
+    def close(self) -> None:
+        """Close the environments; a recorded run writes its record."""
+        self.envs.close()
+
+    def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
+        """Return an attribute of the sub-environments; of an engine, of copies of them."""
+        if attr_name == "render_mode":
+            return [self.envs.render_mode for _ in self._get_indices(indices)]
+        return [getattr(self._sub_env(row), attr_name) for row in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:  # noqa: ARG002
+        """Raise an AttributeError: sub-environments cannot be changed one by one."""
+        raise AttributeError(UNSETTABLE.format(attr_name))
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of the sub-environments; of an engine, of copies of them, which are dropped afterwards."""
+        rows = self._get_indices(indices)
+        return [getattr(self._sub_env(row), method_name)(*method_args, **method_kwargs) for row in rows]
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:  # noqa: ARG002
+        """Return False for each: an engine has no wrappers."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> list[Any]:
+        """Return a frame of each sub-environment."""
+        return list(self.envs.render() or ())
+
+    def _sub_env(self, row: int) -> Any:
+        base: Any = self.envs.unwrapped
+        return base.sub_env(row) if hasattr(base, "sub_env") else base.envs[row]
+
+
+def _row(infos: Mapping[str, Any], row: int) -> dict[str, Any]:
+    """Return the values of one sub-environment; those that it does not have are left out."""
+    return {
+        name: _row(values, row) if isinstance(values, Mapping) else _value(values[row])
+        for name, values in infos.items()
+        if not name.startswith(("_", "final_")) and _there(infos, name, row)
+    }
+
+
+def _there(infos: Mapping[str, Any], name: str, row: int) -> bool:
+    mask = infos.get(f"_{name}")
+    return mask is None or bool(mask[row])
+
+
+def _value(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _owned(observations: Any) -> Any:
+    """Return observations that the next step does not change: an engine's `copy=False` gives a view."""
+    if isinstance(observations, Mapping):
+        return {name: _owned(part) for name, part in observations.items()}
+    return observations if observations.flags.writeable else observations.copy()
