@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, maze, workers
+from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, maze, overhead, workers
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
@@ -16,6 +16,7 @@ ROOMS = {
     "grid": grid.rows,
     "learner": learner.rows,
     "maze": maze.rows,
+    "overhead": overhead.rows,
     "workers": workers.rows,
 }
 

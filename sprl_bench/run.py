@@ -203,7 +203,7 @@ class _ActiveRun:
         if state is None:
             return
         for name in ("metrics_bytes", "actions_bytes"):
-            if not operator.index(state.get(name, 0)) >= 0:
+            if not operator.index(state[name]) >= 0:
                 raise ValueError(f"{name} is {state[name]}")
         self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
         self._envs.episode_log.load_state_dict(state["log"])
@@ -224,7 +224,7 @@ class _ActiveRun:
     def _tape(self, state: Mapping[str, Any] | None) -> None:
         """Begin a tape if one is wanted, or continue the one of the checkpoint."""
         path = self._folder / ACTIONS
-        begun = state.get("actions_bytes", 0) if state else 0
+        begun = state["actions_bytes"] if state else 0
         if state and self._keep_actions and not begun:
             logger.warning("%s keeps no actions: it was begun without.", self._folder)
         if not (begun or (self._keep_actions and not state)):

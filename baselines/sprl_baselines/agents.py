@@ -114,7 +114,7 @@ class LearningAgent:
         )
         self._steps = 0
         if self._saved:
-            self._restore(self._saved)
+            self._continue_from(self._saved)
         else:
             self._collector.reset()
 
@@ -122,6 +122,21 @@ class LearningAgent:
         config = self.config
         view = view_of(space, normalize=config.normalize_observations, clip=config.observation_clip)
         return view.to(self._device)
+
+    def _continue_from(self, state: Mapping[str, Any]) -> None:
+        """Restore a state.
+
+        Raises:
+            ValueError: It is not one of this agent in this build of the package.
+        """
+        try:
+            self._restore(state)
+        except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            raise ValueError(
+                f"The agent's state in the checkpoint is of another agent or build ({cause}): continue with that one, "
+                "or remove the checkpoint to start over."
+            ) from error
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         self._steps = int(state["steps"])

@@ -234,3 +234,26 @@ def test_an_environment_outlives_its_block_also_with_actions_kept(tmp_path: Path
     env.step(0)
     env.close()
     assert only_record(tmp_path).totals.env_steps == 1
+
+
+@pytest.mark.parametrize("observation", ["cells", "flat", "one-hot"])
+def test_normalised_environments_and_an_evaluation_callback_are_recorded_as_the_monitor_counts(
+    observation: str, tmp_path: Path
+) -> None:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import EvalCallback
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    keywords = {"observation": observation}
+    with sprl_bench.recording(out=tmp_path, agent="sb3", seed=1, budget=512) as block:
+        monitored = make_vec_env(ID, 2, seed=1, env_kwargs=keywords)
+        with block.paused():
+            evaluation = VecNormalize(make_vec_env(ID, 1, env_kwargs=keywords), training=False)
+        callback = EvalCallback(evaluation, eval_freq=128, n_eval_episodes=1, verbose=0)
+        model = PPO("MlpPolicy", VecNormalize(monitored), n_steps=64, n_epochs=1, batch_size=64, device="cpu")
+        model.learn(512, callback=callback)
+        counted = [returned for env in monitored.envs for returned in env.get_episode_rewards()]  # type: ignore[attr-defined]
+    assert callback.n_calls == 256
+    assert only_record(tmp_path).status == "complete"
+    assert sorted(episodes(tmp_path)["return"]) == pytest.approx(sorted(counted), abs=1e-5)

@@ -22,6 +22,7 @@ import pytest
 from run_files import LASTING, files_of
 from suite_server import Server, namespaces_allowed, specs
 
+from sprl_bench.records import find_records
 from sprl_bench.records.folder import CHECKPOINT, METRICS, RECORD
 
 KILLS: Final = int(os.environ.get("SPRL_KILLS", "12"))
@@ -68,13 +69,16 @@ def _is_of(process: psutil.Process, suite: int) -> bool:
 class Killer:
     """Starts suites and kills them at random moments until they have been killed often enough.
 
+    Args:
+        server: Starts the suites.
+        between_s: The most seconds from a start to a kill.
+
     Attributes:
         kills: Signals sent, one or two each.
     """
 
-    def __init__(self, server: Server, seconds_a_run: float) -> None:
-        self._server, self._generator = server, random.Random(20)
-        self._between_s = seconds_a_run * RUNS_A_SUITE / 3
+    def __init__(self, server: Server, between_s: float) -> None:
+        self._server, self._generator, self._between_s = server, random.Random(20), between_s
         self.kills = 0
 
     def finish(self, out: Path, indices: list[int], kind: str) -> list[str]:
@@ -89,15 +93,14 @@ class Killer:
                 return tried
 
     def _finished_or_killed(self, suite: int, tried: list[str]) -> int | None:
-        """Return the exit status of a suite; kill it before, if that is not done often enough."""
-        if self.kills >= KILLS or len(tried) >= KILLS_A_SUITE:
-            return self._server.wait(600)
-        status = self._server.wait(self._generator.uniform(0.0, self._between_s))
-        if status is not None:
-            return status
-        tried.append(HOW[self.kills % len(HOW)])
-        self.kills += 1
-        signal_it(suite, tried[-1], self._generator)
+        """Return the exit status of a suite, which gets signals at random moments until it ends, or has had enough."""
+        while self.kills < KILLS and len(tried) < KILLS_A_SUITE:
+            status = self._server.wait(self._generator.uniform(0.0, self._between_s))
+            if status is not None:
+                return status
+            tried.append(HOW[self.kills % len(HOW)])
+            self.kills += 1
+            signal_it(suite, tried[-1], self._generator)
         return self._server.wait(600)
 
 
@@ -117,15 +120,21 @@ def files_of_runs(expected: dict[str, Any], indices: list[int]) -> dict[str, Any
     return {name: content for name, content in expected.items() if name.startswith(places)}
 
 
+def typical_seconds(out: Path) -> float:
+    """Return the time of a quick run: a quarter of them are quicker."""
+    times = sorted(record.wall_time_s for record in find_records(out))
+    return times[len(times) // 4]
+
+
 def test_a_suite_that_is_killed_anywhere_ends_in_the_same_files(tmp_path: Path) -> None:
     with contextlib.closing(Server(WHICH)) as server:
-        begun, everything = time.monotonic(), list(range(len(specs(WHICH))))
+        everything = list(range(len(specs(WHICH))))
         server.start(tmp_path / "whole", everything)
         assert server.wait(900) == 0
         expected = files_of(tmp_path / "whole")
         assert {Path(name).name for name in expected} <= LASTING
         assert len(files_of_runs(expected, everything)) == len(expected)
-        killer = Killer(server, (time.monotonic() - begun) / len(everything))
+        killer = Killer(server, between_s=typical_seconds(tmp_path / "whole"))
         for number, indices in enumerate(decks(random.Random(0))):
             out = tmp_path / f"killed-{number}"
             tried = killer.finish(out, indices, KINDS[number % len(KINDS)])
