@@ -287,6 +287,28 @@ def test_a_script_with_a_vector_environment_is_replayed(mode: str, tmp_path: Pat
     assert found.equal, found.difference
 
 
+@pytest.mark.parametrize("env_id", [GRID, "SPRL/FetchReachSparse-v1", "SPRL/MazeGoalSmall-v1", "CartPole-v1"])
+@pytest.mark.parametrize("vector", [True, False])
+def test_a_script_that_gives_no_seed_is_replayed_by_the_one_that_was_drawn(
+    vector: bool, env_id: str, tmp_path: Path
+) -> None:
+    make: Any = gymnasium.make_vec if vector else gymnasium.make
+    arguments = (
+        {"num_envs": 2, "vector_kwargs": {"autoreset_mode": "SameStep"}} if env_id == "CartPole-v1" else {"num_envs": 2}
+    )
+    env = sprl_bench.record(
+        make(env_id, **(arguments if vector else {})), out=tmp_path, agent="mine", seed=0, budget=500, keep_actions=True
+    )
+    env.reset()
+    env.action_space.seed(0)
+    while not env.episode_log.complete:
+        ended = np.any(np.logical_or(*env.step(env.action_space.sample())[2:4]))
+        if ended and not vector:
+            env.reset()
+    env.close()
+    assert verify(only_folder(tmp_path)).equal
+
+
 def test_a_tape_cannot_ask_for_environments_without_limit(kept: Path) -> None:
     with (kept / ACTIONS).open("w+b") as file:
         tape = Tape(file, Head(num_envs=0, autoreset="", discrete=7))

@@ -130,7 +130,8 @@ class VectorRecorder(Wrapped):
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            self.tape.reset(seed, None if mask is None else envs)
+            fresh = seed is None and self._unreset.all() and self.tape is not NO_TAPE
+            self.tape.reset(self.env.np_random_seed if fresh else seed, None if mask is None else envs)
         self._unreset[envs] = False
         self._begun = not self._unreset.any()
         self.episode_log.reset(envs)
@@ -212,7 +213,8 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            self.tape.reset(seed, env=self._index)
+            fresh = seed is None and not self._is_reset and self.tape is not NO_TAPE
+            self.tape.reset(self.env.unwrapped.np_random_seed if fresh else seed, env=self._index)
         self._is_reset = True
         self.episode_log.reset(self._here)
         return observation, info
