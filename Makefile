@@ -13,7 +13,7 @@ BENCH_READY := $(VENV)/.bench-ready
 NAVIX_READY := $(VENV)-navix/.ready
 PIP := PIP_CONSTRAINT=constraints-ci.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
-.PHONY: run test test-long test-upstream lint types docs bench setup clean
+.PHONY: run test test-long test-upstream frameworks lint types docs bench setup clean
 
 setup: $(READY)
 
@@ -41,6 +41,22 @@ test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on
 		'mujoco==3.11.*' pytest hypothesis
 	$(VENV)-upstream/bin/python -m pytest tests/envs/fetch/test_upstream.py
 
+FRAMEWORKS := 'torchrl' 'tianshou' 'skrl' 'minari[create,hdf5]' 'ray[rllib]'
+
+frameworks: setup ## The scripts of docs/frameworks, and the environments under Gymnasium 1.2 and 1.3.
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/frameworks
+	for package in $(FRAMEWORKS); do \
+		name=$$(echo $$package | sed 's/ray.*/rllib/; s/\[.*//') && folder=$(VENV)-frameworks/$$name && \
+		$(PYTHON) -m venv $$folder && grep -hv -e '^gymnasium==' -e '^-c' constraints.txt > $$folder/pins.txt && \
+		PIP_CONSTRAINT=$$folder/pins.txt $$folder/bin/python -m pip install -q -e '.[baselines,fetch]' pytest $$package && \
+		SPRL_FRAMEWORK=$$name OMP_NUM_THREADS=1 $$folder/bin/python -m pytest tests/frameworks || exit 1; \
+	done
+	for version in 1.2.3 1.3.0; do \
+		$(BIN)/python -m pip install -q --no-deps --target $(VENV)-frameworks/gymnasium-$$version gymnasium==$$version && \
+		PYTHONPATH=$(VENV)-frameworks/gymnasium-$$version OMP_NUM_THREADS=1 SDL_VIDEODRIVER=dummy \
+			$(BIN)/python -m pytest -m 'not slow' tests/envs tests/recorder || exit 1; \
+	done
+
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -67,4 +83,4 @@ $(NAVIX_READY):
 	else echo "$(NAVIX_BASE) does not run here: NAVIX is not measured. Name one with make bench NAVIX_BASE=..."; fi
 
 clean:
-	rm -rf $(VENV) $(VENV)-navix $(VENV)-upstream build dist .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-frameworks $(VENV)-navix $(VENV)-upstream build dist .mypy_cache .pytest_cache .ruff_cache

@@ -50,6 +50,17 @@ CONTENTS: Final[Mapping[str, Sequence[str]]] = {
         "docs/scores",
         "docs/trust",
     ),
+    "Frameworks": (
+        "docs/frameworks/README",
+        "docs/frameworks/stable-baselines3",
+        "docs/frameworks/cleanrl",
+        "docs/frameworks/gymnasium",
+        "docs/frameworks/torchrl",
+        "docs/frameworks/tianshou",
+        "docs/frameworks/rllib",
+        "docs/frameworks/skrl",
+        "docs/frameworks/minari",
+    ),
     "Results": (
         "docs/results",
         "docs/reproduction",
@@ -114,6 +125,7 @@ def _generated() -> dict[str, str]:
 def _pages() -> list[Path]:
     """Return all pages of the repository, relative to its root."""
     found = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "notes").rglob("*.md")]
+    found += (ROOT / "docs" / "frameworks").glob("*.md")
     found += [ROOT / "baselines" / "README.md", ROOT / "leaderboards" / "README.md"]
     return sorted(path.relative_to(ROOT) for path in found)
 

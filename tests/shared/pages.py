@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).parents[2]
 TRIED: Final = ("README.md", "docs/*.md", "baselines/README.md", "leaderboards/README.md")
-PROSE: Final = (*TRIED, "CHANGELOG.md", "CONTRIBUTING.md", "notes/*.md")
+PROSE: Final = (*TRIED, "docs/frameworks/*.md", "CHANGELOG.md", "CONTRIBUTING.md", "notes/*.md")
 COMMAND: Final = "sprl-bench "
 SHELLS: Final = ("", "bash", "console")
 SKIP: Final = re.compile(r"<!-- test: skip because (.{10,}) -->")
