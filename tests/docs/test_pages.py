@@ -42,7 +42,7 @@ LIMITS: Final = {
     "docs/report.md": 300,
     "docs/reproduction.md": 900,
     "docs/statistics.md": 500,
-    "docs/trust.md": 600,
+    "docs/trust.md": 560,
 }
 MakeRecord = Callable[..., RunRecord]
 
