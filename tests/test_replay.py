@@ -293,11 +293,11 @@ def test_a_script_that_gives_no_seed_is_replayed_by_the_one_that_was_drawn(
     vector: bool, env_id: str, tmp_path: Path
 ) -> None:
     make: Any = gymnasium.make_vec if vector else gymnasium.make
-    arguments = (
-        {"num_envs": 2, "vector_kwargs": {"autoreset_mode": "SameStep"}} if env_id == "CartPole-v1" else {"num_envs": 2}
-    )
+    arguments: dict[str, Any] = {"num_envs": 2} if vector else {}
+    if vector and env_id == "CartPole-v1":
+        arguments |= {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": "SameStep"}}
     env = sprl_bench.record(
-        make(env_id, **(arguments if vector else {})), out=tmp_path, agent="mine", seed=0, budget=500, keep_actions=True
+        make(env_id, **arguments), out=tmp_path, agent="mine", seed=0, budget=500, keep_actions=True
     )
     env.reset()
     env.action_space.seed(0)
