@@ -44,7 +44,7 @@ test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on
 FRAMEWORKS := 'torchrl' 'tianshou' 'skrl' 'minari[create,hdf5]' 'ray[rllib]'
 
 frameworks: setup ## The scripts of docs/frameworks, and the environments under Gymnasium 1.2 and 1.3.
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/frameworks
+	SPRL_FRAMEWORK=here OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/frameworks
 	for package in $(FRAMEWORKS); do \
 		name=$$(echo $$package | sed 's/ray.*/rllib/; s/\[.*//') && folder=$(VENV)-frameworks/$$name && \
 		$(PYTHON) -m venv $$folder && grep -hv -e '^gymnasium==' -e '^-c' constraints.txt > $$folder/pins.txt && \

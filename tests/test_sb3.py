@@ -53,7 +53,7 @@ def test_it_equals_their_vector_environment_of_single_ones(env_id: str, argument
     assert ours.seed(5) == theirs.seed(5)
     assert_equal(ours.reset(), theirs.reset(), "reset")
     generator, ends = np.random.default_rng(0), 0
-    for step in range(220):
+    for step in range(120):
         ours.action_space.seed(step)
         actions = np.stack([ours.action_space.sample() for _ in range(3)])
         if generator.random() < 0.1:
@@ -66,7 +66,7 @@ def test_it_equals_their_vector_environment_of_single_ones(env_id: str, argument
         for one, two in zip(ours.reset_infos, theirs.reset_infos, strict=True):
             assert_equal(one, two, f"reset info of step {step}")
         ends += int(mine[2].sum())
-    assert ends > 3
+    assert ends > 2
 
 
 def test_infos_are_empty_but_for_ends() -> None:
