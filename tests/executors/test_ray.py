@@ -106,6 +106,7 @@ def test_a_suite_gives_the_records_that_it_gives_here(cluster: Cluster, tmp_path
     assert again.stderr.count("skipped") == 4
 
 
+@pytest.mark.slow
 def test_a_shuffled_suite_with_interruptions_gives_them_too(cluster: Cluster, tmp_path: Path) -> None:
     run_shuffled("ray", 2, 5, tmp_path / "there", cluster.environment)
     for spec in specs():
