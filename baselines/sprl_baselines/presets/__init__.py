@@ -14,7 +14,7 @@ DOMAINS = {"atari": atari.PRESETS, "dmlab": dmlab.PRESETS, "fetch": fetch.PRESET
 
 
 def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
-    """Return the hyperparameters that a preset changes for an agent; for an agent without any, those of `ppo`.
+    """Return the hyperparameters that a preset changes for an agent; none for an agent without any presets.
 
     Raises:
         ValueError: The domain or the preset is unknown, or the agent only has other presets.
@@ -29,7 +29,7 @@ def preset(domain: str, name: str, agent: str) -> Mapping[str, Any]:
             f"agent is {agent!r}; it must be one with the preset {name!r} of domain {domain!r}: "
             f"{', '.join(presets[name])}."
         )
-    return presets[name].get(agent, presets[name].get("ppo", {}))
+    return presets[name].get(agent, {})
 
 
 def _agents() -> set[str]:
