@@ -56,6 +56,7 @@ class GymnasiumVecEnv(VecEnv):
             raise ValueError(f"infos is {infos!r}; it must be 'ends' or 'all'.")
         self.envs = envs
         self._every_info = infos == "all"
+        self._reused = not getattr(envs.unwrapped, "copy", True)  # SyncVectorEnv writes each step into one array
         self._actions: Any = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
@@ -74,7 +75,7 @@ class GymnasiumVecEnv(VecEnv):
         self.reset_infos = [_row(infos, row) for row in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return _owned(observations)
+        return self._owned(observations)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -96,7 +97,7 @@ class GymnasiumVecEnv(VecEnv):
                 "terminal_observation": infos["final_obs"][row],
             }
             self.reset_infos[row] = _row(infos, row)
-        return _owned(observations), np.asarray(rewards, np.float32), ended, own
+        return self._owned(observations), np.asarray(rewards, np.float32), ended, own
 
     def _running(self, infos: Mapping[str, Any], row: int) -> dict[str, Any]:
         """Return the info of a step that does not end the episode."""
@@ -119,8 +120,14 @@ class GymnasiumVecEnv(VecEnv):
     def env_method(
         self, method_name: str, *method_args: Any, indices: Indices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call a method of the sub-environments; of an engine, of copies of them, which are dropped afterwards."""
+        """Call a method of the sub-environments; of an engine, of copies of them, which are dropped afterwards.
+
+        Rewards of goals do not depend on the state: an engine computes them without a copy, which HER needs often.
+        """
         rows = self._get_indices(indices)
+        of_all = getattr(self.envs.unwrapped, "compute_reward", None) if method_name == "compute_reward" else None
+        if of_all is not None:
+            return [of_all(*method_args, **method_kwargs) for _ in rows]
         return [getattr(self._sub_env(row), method_name)(*method_args, **method_kwargs) for row in rows]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:  # noqa: ARG002
@@ -130,6 +137,12 @@ class GymnasiumVecEnv(VecEnv):
     def get_images(self) -> list[Any]:
         """Return a frame of each sub-environment."""
         return list(self.envs.render() or ())
+
+    def _owned(self, observations: Any) -> Any:
+        """Return observations that the next step does not change: with `copy=False` they are views or one array."""
+        if isinstance(observations, Mapping):
+            return {name: self._owned(part) for name, part in observations.items()}
+        return observations.copy() if self._reused or not observations.flags.writeable else observations
 
     def _sub_env(self, row: int) -> Any:
         base: Any = self.envs.unwrapped
@@ -152,10 +165,3 @@ def _there(infos: Mapping[str, Any], name: str, row: int) -> bool:
 
 def _value(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _owned(observations: Any) -> Any:
-    """Return observations that the next step does not change: an engine's `copy=False` gives a view."""
-    if isinstance(observations, Mapping):
-        return {name: _owned(part) for name, part in observations.items()}
-    return observations if observations.flags.writeable else observations.copy()

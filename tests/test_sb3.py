@@ -11,6 +11,7 @@ import pytest
 from gymnasium.vector import SyncVectorEnv
 
 import sprl_bench
+from sprl_bench.envs.vector import BatchedEnv
 from sprl_bench.records import find_records
 from sprl_bench.run import run
 from sprl_bench.suite import expand
@@ -79,13 +80,33 @@ def test_infos_are_empty_but_for_ends() -> None:
     assert infos[2][1]["is_success"] is False
 
 
-def test_observations_are_kept_apart_also_without_copies() -> None:
-    envs = as_vec_env(gymnasium.make_vec(ROOMS, num_envs=1, copy=False))
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: gymnasium.make_vec(ROOMS, num_envs=1, copy=False),
+        lambda: SyncVectorEnv([lambda: gymnasium.make(ROOMS)], copy=False, autoreset_mode="SameStep"),
+    ],
+    ids=["engine", "sync"],
+)
+def test_observations_are_kept_apart_also_without_copies(make: Any) -> None:
+    envs = as_vec_env(make())
     first = envs.reset()
     kept = first.copy()
     for _ in range(5):
         envs.step(np.array([0]))
     assert np.array_equal(first, kept)
+
+
+def test_rewards_of_goals_are_those_of_a_single_environment_and_need_no_copy(monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments: dict[str, Any] = {"observation": "goal"}
+    envs, single = as_vec_env(gymnasium.make_vec(REACH, num_envs=2, **arguments)), gymnasium.make(REACH, **arguments)
+    monkeypatch.delattr(BatchedEnv, "sub_env")
+    goals = np.random.default_rng(0).uniform(0, 0.08, (2, 64, 3))  # metres: around the threshold
+    for achieved, desired in (goals, goals[:, 0]):
+        expected = single.unwrapped.compute_reward(achieved, desired, {})  # type: ignore[attr-defined]
+        (given,) = envs.env_method("compute_reward", achieved, desired, {}, indices=[1])
+        assert_equal(given, expected)
+    assert 0 < single.unwrapped.compute_reward(*goals, {}).sum() < 64  # type: ignore[attr-defined]
 
 
 def test_attributes_and_methods_are_those_of_the_sub_environments() -> None:

@@ -169,6 +169,10 @@ class GoalFetchEngine(FetchEngine):
         )
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
 
+    def compute_reward(self, achieved_goal: Any, desired_goal: Any, info: Any) -> NDArray[np.float64]:  # noqa: ARG002 - GoalEnv's API
+        """Return the rewards [...] of any achieved and desired goals [..., 3], as each sub-environment would."""
+        return is_reached(achieved_goal, desired_goal, self._simulation.threshold).astype(np.float64)[()]
+
     def _current_observations(self) -> Any:
         return _split(super()._current_observations(), self.task)
 
