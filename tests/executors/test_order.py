@@ -46,12 +46,13 @@ def test_turns_and_interruptions_change_nothing(
 
 
 @pytest.mark.parametrize(
-    ("executor", "workers"), [("local", 1 + order % 4) for order in range(2, 1 + ORDERS)] + [("slurm", 2)]
+    ("executor", "workers", "order"),
+    [("local", 1 + order % 4, order) for order in range(2, 1 + ORDERS)] + [("slurm", 2, 1)],
 )
-def test_executors_change_nothing(executor: str, workers: int, expected: Path, tmp_path: Path) -> None:
+def test_executors_change_nothing(executor: str, workers: int, order: int, expected: Path, tmp_path: Path) -> None:
     if executor == "slurm":
         pytest.importorskip("submitit")
-    run_shuffled(executor, workers, workers, tmp_path / "runs", os.environ)
+    run_shuffled(executor, workers, order, tmp_path / "runs", os.environ)
     assert results_of(tmp_path / "runs") == results_of(expected)
 
 
