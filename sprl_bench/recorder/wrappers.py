@@ -57,6 +57,13 @@ HABIT: Final = (
 UNRESET: Final = "A recorded environment must be reset() before its first step, so that no episode is recorded in part."
 
 
+def _is_new(env: Any) -> bool:
+    """Return whether no random stream has begun, so that the seed drawn at the first reset says all that follows."""
+    if hasattr(env, "envs"):
+        return all(_is_new(single.unwrapped) for single in env.envs)
+    return getattr(env, "_np_random", None) is None and not getattr(env, "_is_reset", False)
+
+
 def _refuse_seed(seed: Any) -> None:
     """Refuse a seed after the first recorded step: repeating one seed would score a single layout.
 
@@ -95,6 +102,7 @@ class VectorRecorder(Wrapped):
         self.tape = tape
         self._seeded = seeded
         self._unreset = np.full(env.num_envs, not seeded)  # [N]
+        self._new = _is_new(env.unwrapped)
         self._begun = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
@@ -130,7 +138,7 @@ class VectorRecorder(Wrapped):
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
         observations, infos = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            fresh = seed is None and self._unreset.all() and self.tape is not NO_TAPE
+            fresh = seed is None and self._unreset.all() and self._new and self.tape is not NO_TAPE
             self.tape.reset(self.env.np_random_seed if fresh else seed, None if mask is None else envs)
         self._unreset[envs] = False
         self._begun = not self._unreset.any()
@@ -196,6 +204,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.tape = tape
         self._listener = listener
         self._is_reset = self._has_stepped = False
+        self._new = _is_new(env.unwrapped)
 
     @property
     def _recorded(self) -> bool:
@@ -213,7 +222,7 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._listener.resetting()
         observation, info = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            fresh = seed is None and not self._is_reset and self.tape is not NO_TAPE
+            fresh = seed is None and not self._is_reset and self._new and self.tape is not NO_TAPE
             self.tape.reset(self.env.unwrapped.np_random_seed if fresh else seed, env=self._index)
         self._is_reset = True
         self.episode_log.reset(self._here)
