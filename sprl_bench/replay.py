@@ -33,6 +33,12 @@ UNFIT: Final = (ValueError, TypeError, LookupError, AssertionError, OverflowErro
 """What environments raise for actions and seeds that are not their own."""
 
 
+SEEDLESS: Final = (
+    "The first reset on the tape has no seed, so its episodes cannot be repeated; give reset() a seed, or record an "
+    "environment that was never reset before."
+)
+
+
 @dataclass(frozen=True)
 class Replay:
     """What a replay of one run found; `difference` is one sentence, empty if everything is equal.
@@ -180,8 +186,12 @@ def _replay_vector(spec: RunSpec, head: Head, events: Iterable[Event]) -> Episod
     with contextlib.closing(VectorRecorder(envs, spec.task.budget, seeded=own)) as recorder:
         if own:
             envs.reset(seed=env_seed(spec))
+        begun = own
         for event in events:
             if isinstance(event, Reset):
+                if not begun:
+                    _check_seed(event)
+                begun = True
                 options = None if event.mask is None else {"reset_mask": np.array(event.mask)}
                 recorder.reset(seed=event.seed, options=options)
             elif isinstance(event, Steps):
@@ -193,8 +203,12 @@ def _replay_vector(spec: RunSpec, head: Head, events: Iterable[Event]) -> Episod
 def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
     log = EpisodeLog(0, spec.task.budget, AutoresetMode.DISABLED)
     recorders = [_recorded(spec, log) for _ in range(_number_of_envs(events))]
+    begun: set[int] = set()
     for event in events:
         if isinstance(event, Reset):
+            if event.env not in begun:
+                _check_seed(event)
+            begun.add(event.env)
             recorders[event.env].reset(seed=event.seed)  # type: ignore[arg-type] # a single one has a single seed
         elif isinstance(event, Close):
             recorders[event.env].close()
@@ -202,6 +216,17 @@ def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
             for env, action in zip(event.envs if event.envs is not None else (), event.actions, strict=True):
                 recorders[env].step(action)
     return log
+
+
+def _check_seed(first: Reset) -> None:
+    """Refuse a first reset without a seed: nobody knows which episodes followed.
+
+    Raises:
+        UnfitForTapeError: It has none.
+    """
+    seeds = first.seed if isinstance(first.seed, list) else [first.seed]
+    if None in seeds:
+        raise UnfitForTapeError(SEEDLESS)
 
 
 def _recorded(spec: RunSpec, log: EpisodeLog) -> EnvRecorder:

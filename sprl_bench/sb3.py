@@ -1,4 +1,4 @@
-"""A Gymnasium vector environment as Stable-Baselines3 wants it, such as one of our engines, recorded or not.
+"""Our engines, and other vector environments of Gymnasium, for Stable-Baselines3; recorded or not.
 
     from sprl_bench.sb3 import as_vec_env
 
@@ -19,13 +19,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from sprl_bench.extras import require_extra
 
 if TYPE_CHECKING:
+    from stable_baselines3.common.env_util import is_wrapped
     from stable_baselines3.common.vec_env import VecEnv
 else:
     VecEnv = require_extra("stable_baselines3.common.vec_env").VecEnv
+    is_wrapped = require_extra("stable_baselines3.common.env_util").is_wrapped
 
 Infos = Literal["ends", "all"]
 Indices = None | int | Iterable[int]
-UNSETTABLE: Final = "attr_name is {!r}, but no attribute can be set: the sub-environments are rows of arrays."
+UNSETTABLE: Final = "attr_name is {!r}, but no attribute can be set: an engine has no separate sub-environments."
 
 
 def as_vec_env(envs: VectorEnv[Any, Any, Any], *, infos: Infos = "ends") -> GymnasiumVecEnv:
@@ -35,9 +37,10 @@ def as_vec_env(envs: VectorEnv[Any, Any, Any], *, infos: Infos = "ends") -> Gymn
     `terminal_observation`, and `TimeLimit.truncated`. Put `VecMonitor` or `VecNormalize` on top as usual.
 
     Args:
-        envs: N sub-environments that are reset in the step that ends their episode (`"SameStep"`).
-        infos: In which infos the environment's own values are: "ends" for those of steps that end an episode, all
-            others being empty, which is faster; "all" for those of every step.
+        envs: An engine or a `SyncVectorEnv` of N sub-environments that are reset in the step that ends their episode
+            (`"SameStep"`).
+        infos: "ends": only steps that end an episode have the environment's info; the others are empty, which is
+            faster. "all": every step has it.
 
     Raises:
         ValueError: The environments are reset at another time, or `infos` is neither.
@@ -63,7 +66,7 @@ class GymnasiumVecEnv(VecEnv):
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed the next reset; without effect in a run of `sprl-bench run`, which has seeded its environments."""
         super().seed(seed)
-        if getattr(self.envs, "seeded", False):
+        if _is_seeded(self.envs):
             self._reset_seeds()
         return self._seeds
 
@@ -130,9 +133,11 @@ class GymnasiumVecEnv(VecEnv):
             return [of_all(*method_args, **method_kwargs) for _ in rows]
         return [getattr(self._sub_env(row), method_name)(*method_args, **method_kwargs) for row in rows]
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:  # noqa: ARG002
-        """Return False for each: an engine has no wrappers."""
-        return [False for _ in self._get_indices(indices)]
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Indices = None) -> list[bool]:
+        """Return whether each sub-environment has such a wrapper; those of an engine have none."""
+        singles = getattr(self.envs.unwrapped, "envs", None)
+        rows = self._get_indices(indices)
+        return [singles is not None and is_wrapped(singles[row], wrapper_class) for row in rows]
 
     def get_images(self) -> list[Any]:
         """Return a frame of each sub-environment."""
@@ -147,6 +152,13 @@ class GymnasiumVecEnv(VecEnv):
     def _sub_env(self, row: int) -> Any:
         base: Any = self.envs.unwrapped
         return base.sub_env(row) if hasattr(base, "sub_env") else base.envs[row]
+
+
+def _is_seeded(envs: Any) -> bool:
+    """Return whether a recorder, beneath any wrappers, has environments that have their seed already."""
+    while not hasattr(envs, "seeded") and hasattr(envs, "env"):
+        envs = envs.env
+    return bool(getattr(envs, "seeded", False))
 
 
 def _row(infos: Mapping[str, Any], row: int) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from gymnasium.vector import SyncVectorEnv
 
 import sprl_bench
 from sprl_bench.envs.vector import BatchedEnv
+from sprl_bench.recorder import VectorRecorder
 from sprl_bench.records import find_records
 from sprl_bench.run import run
 from sprl_bench.suite import expand
@@ -137,6 +138,19 @@ def test_other_ways_to_reset_are_refused() -> None:
         as_vec_env(gymnasium.make_vec(ROOMS, num_envs=2, autoreset_mode="NextStep"))
     with pytest.raises(ValueError, match="infos is 'some'; it must be 'ends' or 'all'"):
         as_vec_env(gymnasium.make_vec(ROOMS, num_envs=2), infos="some")  # type: ignore[arg-type]
+
+
+def test_a_run_that_is_seeded_stays_so_beneath_a_wrapper(tmp_path: Path) -> None:
+    recorded = VectorRecorder(gymnasium.make_vec(ROOMS, num_envs=2), 100, seeded=True)
+    envs = as_vec_env(gymnasium.wrappers.vector.RecordEpisodeStatistics(recorded))
+    assert list(envs.seed(3)) == [None, None]
+    envs.reset()
+
+
+def test_wrappers_of_single_environments_are_found() -> None:
+    make = lambda: gymnasium.wrappers.TransformReward(gymnasium.make(ROOMS), lambda reward: reward)  # noqa: E731
+    envs = as_vec_env(SyncVectorEnv([make, lambda: gymnasium.make(ROOMS)], autoreset_mode="SameStep"))
+    assert envs.env_is_wrapped(gymnasium.wrappers.TransformReward) == [True, False]
 
 
 def test_gymnasiums_own_vector_environment_is_taken_too() -> None:

@@ -131,10 +131,12 @@ class LearningAgent:
         """
         try:
             self._restore(state)
+        except torch.OutOfMemoryError:  # says nothing about the state
+            raise
         except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             cause = " ".join(f"{type(error).__name__}: {error}".split())
             raise ValueError(
-                f"The agent's state in the checkpoint is of another agent or build ({cause}): continue with that one, "
+                f"The agent's state in the checkpoint is of another agent or build ({cause}). Continue with that one, "
                 "or remove the checkpoint to start over."
             ) from error
 

@@ -12,6 +12,7 @@ WORKERS: Final = (
     "sb3_contrib.common.vec_env",
     "stable_baselines3.common.vec_env",
     "tianshou.env",
+    "torchrl.collectors",
     "torchrl.envs",
 )
 """The modules with the functions that such a process runs."""
@@ -23,12 +24,13 @@ def refusing_workers(paused: Callable[[], bool]) -> Iterator[None]:
     start = BaseProcess.start
 
     def start_unless_foreign(process: BaseProcess) -> None:
+        """Start a process, or refuse one that another library starts for its environments."""
         module = getattr(getattr(process, "_target", None), "__module__", None) or ""
         if module.startswith(WORKERS) and not paused():
             raise RuntimeError(
-                f"{module} starts a process for its environments, into which recording() does not reach; make them in "
-                "this process, in Stable-Baselines3 with DummyVecEnv. Those for evaluation are made under `with "
-                "recording.paused():`."
+                f"{module} starts processes for environments, and recording() cannot record there. Make the "
+                "environments in this process; in Stable-Baselines3, use DummyVecEnv. Make those for evaluation under "
+                "`with recording.paused():`."
             )
         start(process)
 

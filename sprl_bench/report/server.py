@@ -6,6 +6,7 @@ import errno
 import hashlib
 import ipaddress
 import logging
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -87,7 +88,9 @@ def _refusal(host: str, port: int, error: OSError) -> str:
         return f"port is {port}; it must be free, and another program listens there. 0 takes a free one."
     if error.errno == errno.EACCES:
         return f"port is {port}; it must be one that you may listen at, 1024 or above. 0 takes a free one."
-    return f"host is {host!r}; it must be an address of this machine."
+    if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return f"host is {host!r}; it must be an address of this machine."
+    return str(error)
 
 
 class _Handler(BaseHTTPRequestHandler):

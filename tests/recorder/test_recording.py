@@ -176,7 +176,7 @@ def test_a_library_that_puts_environments_into_processes_is_refused_at_the_start
     with (
         pytest.warns(UserWarning, match="Nothing was recorded"),
         sprl_bench.recording(out=tmp_path, agent="mine", seed=0),
-        pytest.raises(RuntimeError, match=r"recording\(\) does not reach; .* DummyVecEnv.*recording.paused\(\)"),
+        pytest.raises(RuntimeError, match=r"recording\(\) cannot record there. .* DummyVecEnv.*recording.paused\(\)"),
     ):
         make_vec_env(ID, 2, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": start_method})  # type: ignore[arg-type]
     assert list(tmp_path.iterdir()) == []
