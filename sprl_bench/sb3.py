@@ -60,6 +60,7 @@ class GymnasiumVecEnv(VecEnv):
         self.envs = envs
         self._every_info = infos == "all"
         self._reused = not getattr(envs.unwrapped, "copy", True)  # SyncVectorEnv writes each step into one array
+        self._rows = np.arange(envs.num_envs)
         self._actions: Any = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
@@ -75,7 +76,7 @@ class GymnasiumVecEnv(VecEnv):
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
         options = next((one for one in self._options if one), None)
         observations, infos = self.envs.reset(seed=seeds, options=options)  # type: ignore[arg-type]  # a list is allowed
-        self.reset_infos = [_row(infos, row) for row in range(self.num_envs)]
+        self.reset_infos = _infos_of(infos, self._rows)
         self._reset_seeds()
         self._reset_options()
         return self._owned(observations)
@@ -92,19 +93,24 @@ class GymnasiumVecEnv(VecEnv):
         """
         observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         ended = np.logical_or(terminated, truncated)
-        own = [self._running(infos, row) for row in range(self.num_envs)]
-        for row in np.flatnonzero(ended).tolist():
-            own[row] = {
-                **_row(infos["final_info"], row),
-                "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
-                "terminal_observation": infos["final_obs"][row],
-            }
-            self.reset_infos[row] = _row(infos, row)
+        own = self._running(infos)
+        (rows,) = ended.nonzero()
+        if len(rows):
+            finals, firsts = _infos_of(infos["final_info"], rows), _infos_of(infos, rows)
+            for row, final, first in zip(rows.tolist(), finals, firsts, strict=True):
+                own[row] = {
+                    **final,
+                    "TimeLimit.truncated": bool(truncated[row] and not terminated[row]),
+                    "terminal_observation": infos["final_obs"][row],
+                }
+                self.reset_infos[row] = first
         return self._owned(observations), np.asarray(rewards, np.float32), ended, own
 
-    def _running(self, infos: Mapping[str, Any], row: int) -> dict[str, Any]:
-        """Return the info of a step that does not end the episode."""
-        return {**_row(infos, row), "TimeLimit.truncated": False} if self._every_info else {}
+    def _running(self, infos: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Return the infos of a step, as if it ended no episode."""
+        if not self._every_info:
+            return [{} for _ in range(self.num_envs)]
+        return [{**info, "TimeLimit.truncated": False} for info in _infos_of(infos, self._rows)]
 
     def close(self) -> None:
         """Close the environments; a recorded run writes its record."""
@@ -161,19 +167,24 @@ def _is_seeded(envs: Any) -> bool:
     return bool(getattr(envs, "seeded", False))
 
 
-def _row(infos: Mapping[str, Any], row: int) -> dict[str, Any]:
-    """Return the values of one sub-environment; those that it does not have are left out."""
-    return {
-        name: _row(values, row) if isinstance(values, Mapping) else _value(values[row])
-        for name, values in infos.items()
-        if not name.startswith(("_", "final_")) and _there(infos, name, row)
-    }
+def _infos_of(infos: Mapping[str, Any], rows: np.ndarray) -> list[dict[str, Any]]:
+    """Return the values of some sub-environments, a dict each; those that one does not have are left out."""
+    own: list[dict[str, Any]] = [{} for _ in rows]
+    for name, values in infos.items():
+        if name.startswith(("_", "final_")):
+            continue
+        mask = infos.get(f"_{name}")
+        column = _column(values, rows)
+        for place in range(len(rows)) if mask is None else mask[rows].nonzero()[0].tolist():
+            own[place][name] = column[place]
+    return own
 
 
-def _there(infos: Mapping[str, Any], name: str, row: int) -> bool:
-    mask = infos.get(f"_{name}")
-    return mask is None or bool(mask[row])
-
-
-def _value(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
+def _column(values: Any, rows: np.ndarray) -> list[Any]:
+    """Return one value of each of some sub-environments; numbers are Python's."""
+    if isinstance(values, Mapping):
+        return _infos_of(values, rows)
+    chosen = values[rows]
+    if chosen.ndim == 1 and chosen.dtype != object:
+        return chosen.tolist()  # type: ignore[no-any-return]
+    return [one.item() if isinstance(one, np.generic) else one for one in chosen]
