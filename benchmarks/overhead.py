@@ -1,8 +1,8 @@
 """What recording costs of a training run on FourRooms 7x7, and what keeping every action costs besides.
 
-PPO is the quickest learner, so of all others it is a smaller share. The three loops take turns in one process and do
-the same work, update by update, so that a few per cent can be seen; the times are the processor's, not the clock's, so
-that other work on the machine does not count.
+PPO learns quickest, so the share is largest there. The three loops take turns in one process and do the same work,
+update by update, so that a few per cent can be seen. The times are the processor's, not the clock's: other work on the
+machine does not count.
 """
 
 from __future__ import annotations

@@ -8,8 +8,8 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 
-def central_range(values: Array, confidence: float) -> tuple[Array, Array]:
-    """Return the ends of the central range of samples.
+def central_range_in_place(values: Array, confidence: float) -> tuple[Array, Array]:
+    """Return the ends of the central range of samples, which it reorders.
 
     Args:
         values: [..., R] for R samples; their order is lost.

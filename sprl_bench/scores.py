@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from sprl_bench.quantiles import central_range
+from sprl_bench.quantiles import central_range_in_place
 
 BINS = 100
 FINAL_BINS = 10
@@ -143,7 +143,7 @@ def curve_band(
     if seeds < 2:
         return None
     chosen = _drawn(_choose, generator, seeds, 1, resamples)[..., 0]
-    return central_range(_sums(curves, chosen) / seeds, confidence)
+    return central_range_in_place(_sums(curves, chosen) / seeds, confidence)
 
 
 def _sums(curves: Array, chosen: Places) -> Array:
@@ -312,5 +312,5 @@ def _remembered(
 
 
 def _percentiles(values: Array, confidence: float) -> Interval:
-    low, high = central_range(values, confidence)
+    low, high = central_range_in_place(values, confidence)
     return Interval(float(low), float(high))

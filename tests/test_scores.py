@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy import stats
 
 from sprl_bench import scores
-from sprl_bench.quantiles import central_range
+from sprl_bench.quantiles import central_range_in_place
 
 SCORES = np.asarray([[0.1, 0.5], [0.3, 0.9], [0.2, 0.1]])
 
@@ -283,12 +283,12 @@ def _state_after(values: scores.Array, generator: np.random.Generator) -> object
 
 
 @given(st.integers(2, 300), st.floats(0.01, 0.99), st.integers(0, 2**32 - 1))
-def test_a_central_range_is_numpys_to_the_last_bit(samples: int, confidence: float, seed: int) -> None:
+def test_a_central_range_in_place_is_numpys_to_the_last_bit(samples: int, confidence: float, seed: int) -> None:
     generator = np.random.default_rng(seed)
     for values in (generator.random((3, samples)), generator.integers(0, 3, (3, samples)) / 7):
         tail = 100 * (1 - confidence) / 2
         expected = np.percentile(values, [tail, 100 - tail], axis=-1)
-        assert np.array_equal(central_range(values.copy(), confidence), expected)
+        assert np.array_equal(central_range_in_place(values.copy(), confidence), expected)
 
 
 @pytest.mark.parametrize("statistic", [scores.mean, scores.iqm])

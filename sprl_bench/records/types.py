@@ -179,7 +179,9 @@ class RunSpec(Data):
     seed: Count
     num_envs: Positive
     observation: Line = Field(
-        default="", description="The form in which the agent saw the environment; empty for the usual one."
+        default="",
+        description="The form in which the agent saw the environment, empty for the usual one. Runs in all forms of a "
+        "task are compared.",
     )
     device: Line = "cpu"
     torch_threads: Positive = 1
