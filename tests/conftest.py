@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -129,3 +129,10 @@ def write_runs(tmp_path: Path) -> Callable[[list[RunRecord]], Path]:
 def fakes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the test, and the worker processes that it starts, import the modules in tests/fakes."""
     monkeypatch.syspath_prepend(Path(__file__).parent / "fakes")
+
+
+@pytest.fixture(autouse=True)
+def numbers_stay_exact() -> Iterator[None]:
+    """Fail a test that leaves the processor flushing small numbers to 0, which would break others far from it."""
+    yield
+    assert float.fromhex("0x1p-1022") / 2 > 0, "the test leaves the processor flushing denormal numbers to 0"
