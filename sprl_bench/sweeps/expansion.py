@@ -23,8 +23,8 @@ from sprl_bench.tasks import find_suite
 Ranges = Mapping[str, Sequence[Any]]
 
 
-def table_ranges(agent: str, domain: str) -> Ranges:
-    """Return the ranges that the paper's table of a domain has for an agent.
+def table_ranges(agent: str, domain: str) -> list[Ranges]:
+    """Return, as one table, the ranges that the paper's table of a domain has for an agent.
 
     Raises:
         ValueError: It has none.
@@ -35,11 +35,13 @@ def table_ranges(agent: str, domain: str) -> Ranges:
         raise ValueError(
             f"range is 'table'; it must be a file for {agent}, of which the paper has no range on {domain}."
         )
-    return found
+    return [found]
 
 
-def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, Ranges]:
+def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, list[Ranges]]:
     """Read the ranges of these agents from a TOML or JSON file: a table an agent, with a list of values a key.
+
+    An agent may have several tables, as an array, for hyperparameters that change together.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -57,27 +59,35 @@ def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, Ranges]:
     for agent in agents:
         if agent not in content:
             raise ValueError(f"range is {path}; " + unknown("agent", agent, content))
-        for key, values in _table(path, agent, content[agent]).items():
+    return {agent: _tables(path, agent, content[agent]) for agent in agents}
+
+
+def _tables(path: Path, agent: str, written: object) -> list[Ranges]:
+    """Return the checked tables of one agent."""
+    tables: list[Any] = written if isinstance(written, list) and written else [written]
+    for table in tables:
+        if not isinstance(table, dict) or not table:
+            raise ValueError(f"{path}: {agent} is {written!r}; it must be a table of hyperparameters.")
+        if table.keys() != tables[0].keys():
+            raise ValueError(
+                f"{path}: one table of {agent} holds {', '.join(sorted(table))}; all must hold the same, "
+                f"{', '.join(sorted(tables[0]))}."
+            )
+        for key, values in table.items():
             if not isinstance(values, list) or not values:
                 raise ValueError(f"{path}: {agent}.{key} is {values!r}; it must be a list of values.")
-    return {agent: content[agent] for agent in agents}
-
-
-def _table(path: Path, agent: str, ranges: object) -> dict[str, object]:
-    if not isinstance(ranges, dict) or not ranges:
-        raise ValueError(f"{path}: {agent} is {ranges!r}; it must be a table of hyperparameters.")
-    return ranges
+    return tables
 
 
 def settings_of(
-    agent: str, domain: str, ranges: Ranges, samples: int | None = None, sampling_seed: int = 0
+    agent: str, domain: str, tables: Sequence[Ranges], samples: int | None = None, sampling_seed: int = 0
 ) -> list[Setting]:
-    """Return the settings of an agent: all combinations of its ranges, or some of them.
+    """Return the settings of an agent: all combinations of each table, or some of them.
 
     Args:
         agent: An agent's name, which may have a preset and differences of its own.
         domain: Of the tasks.
-        ranges: Values of each hyperparameter.
+        tables: Values of each hyperparameter; the same hyperparameters in each.
         samples: How many combinations to draw, without repetition; all by default, or if there are no more.
         sampling_seed: Decides which.
 
@@ -85,16 +95,18 @@ def settings_of(
         ValueError: A hyperparameter is unknown or in the agent's name too, or a value is out of range or given twice.
     """
     name = AgentName.parse(agent)
-    for key, values in ranges.items():
+    for key, values in itertools.chain.from_iterable(ranges.items() for ranges in tables):
         if key in name.differences:
             raise ValueError(f"agents holds {agent!r}; it must not give {key}, which the sweep varies.")
         if len(set(map(repr, values))) < len(values):
             raise ValueError(f"{key} of {agent} is {list(values)}; it must have each value once.")
-    combinations = list(itertools.product(*ranges.values()))
+    combinations = [
+        dict(zip(ranges, values, strict=True)) for ranges in tables for values in itertools.product(*ranges.values())
+    ]
     if samples is not None and samples < len(combinations):
         chosen = np.random.default_rng(sampling_seed).choice(len(combinations), samples, replace=False)
         combinations = [combinations[number] for number in sorted(chosen.tolist())]
-    return [_setting(name, domain, dict(zip(ranges, values, strict=True))) for values in combinations]
+    return [_setting(name, domain, values) for values in combinations]
 
 
 def _setting(name: AgentName, domain: str, values: Mapping[str, Any]) -> Setting:

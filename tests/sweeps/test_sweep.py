@@ -29,7 +29,7 @@ def declared(**changes: Any) -> sweeps.Declaration:
         "suite_version": 1,
         "tasks": {"FourRooms-7x7": 500_000, "KeyDoors-7x7": 2_000_000},
         "seeds": (100, 101),
-        "settings": {"sprl": tuple(sweeps.settings_of("sprl", "grid", RANGES))},
+        "settings": {"sprl": tuple(sweeps.settings_of("sprl", "grid", [RANGES]))},
     }
     return sweeps.Declaration(**{**fields, **changes})
 
@@ -49,19 +49,28 @@ def trained(make_record: MakeRecord, levels: list[float]) -> list[RunRecord]:
 
 @pytest.mark.usefixtures("fakes")
 def test_all_combinations_under_their_shortest_names() -> None:
-    settings = sweeps.settings_of("sprl", "grid", RANGES)
+    settings = sweeps.settings_of("sprl", "grid", [RANGES])
     assert [setting.name for setting in settings] == NAMES
     assert [setting.values for setting in settings] == [
         {"k": k, "cost_scale": scale} for k in (2, 5) for scale in (0.002, 0.01)
     ]
-    [own, other] = sweeps.settings_of("harness_fakes:walker+rollout=7", "grid", {"pause_s": [0, 1.0]})
+    [own, other] = sweeps.settings_of("harness_fakes:walker+rollout=7", "grid", [{"pause_s": [0, 1.0]}])
     assert (own.name, other.name) == ("harness_fakes:walker+rollout=7", "harness_fakes:walker+pause_s=1.0+rollout=7")
+
+
+def test_hyperparameters_that_change_together_stand_in_several_tables(tmp_path: Path) -> None:
+    path = tmp_path / "ranges.toml"
+    path.write_text("[[ppo]]\nanneal_learning_rate = [true]\nanneal_clip_range = [true]\n" * 2)
+    path.write_text(path.read_text().replace("true", "false", 2))
+    settings = sweeps.settings_of("ppo", "grid", sweeps.read_ranges(path, ["ppo"])["ppo"])
+    assert [list(one.values.values()) for one in settings] == [[False, False], [True, True]]
+    assert [one.name for one in settings] == ["ppo+anneal_clip_range=false+anneal_learning_rate=false", "ppo"]
 
 
 @given(st.integers(1, 6), st.integers(0, 99))
 def test_samples_are_distinct_and_follow_from_their_seed(samples: int, seed: int) -> None:
-    drawn = sweeps.settings_of("sprl", "grid", RANGES, samples, seed)
-    assert drawn == sweeps.settings_of("sprl", "grid", RANGES, samples, seed)
+    drawn = sweeps.settings_of("sprl", "grid", [RANGES], samples, seed)
+    assert drawn == sweeps.settings_of("sprl", "grid", [RANGES], samples, seed)
     assert len({setting.name for setting in drawn}) == min(samples, 4)
     assert {setting.name for setting in drawn} <= set(NAMES)
 
@@ -248,6 +257,11 @@ class Interrupted:
         (["--agents", "icm", "--range", "other.toml"], "k of icm is [1, 1]; it must have each value once"),
         (["--agents", "eco", "--range", "other.toml"], "Unknown hyperparameter 'kk'"),
         (["--agents", "gt-grid", "--range", "other.toml"], "other.toml: gt-grid is 3; it must be a table"),
+        (
+            ["--agents", "rnd", "--range", "other.toml"],
+            "one table of rnd holds k; all must hold the same, bonus_weight",
+        ),
+        (["--agents", "count", "--range", "other.toml"], "count is []; it must be a table"),
         (["--agents", "ppo", "--range", "nowhere.toml"], "nowhere.toml: No such file"),
         (["--agents", "ppo", "--suite", "smok"], "Unknown suite 'smok'; did you mean 'smoke'"),
         (["--agents", "ppo", "--task", "KeyDoors"], "Unknown task of suite 'smoke': 'KeyDoors'"),
@@ -258,7 +272,10 @@ def test_what_is_refused_before_anything_is_written(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("broken.toml").write_text("[ppo\n")
-    Path("other.toml").write_text("gt-grid = 3\n[sprl]\nk = 3\n[icm]\nk = [1, 1]\n[eco]\nkk = [1]\n")
+    Path("other.toml").write_text(
+        "gt-grid = 3\ncount = []\n[sprl]\nk = 3\n[icm]\nk = [1, 1]\n[eco]\nkk = [1]\n"
+        "[[rnd]]\nbonus_weight = [1]\n[[rnd]]\nk = [1]\n"
+    )
     status, _, err = call(capsys, *SWEEP, *changes)
     assert status != 0
     assert message in err
