@@ -63,6 +63,7 @@ CONTENTS: Final[Mapping[str, Sequence[str]]] = {
     ),
     "Results": (
         "docs/results",
+        "docs/fetch",
         "docs/reproduction",
         "docs/speed",
         "docs/theory",

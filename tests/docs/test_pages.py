@@ -37,6 +37,7 @@ LIMITS: Final = {
     "docs/atari.md": 500,
     "docs/clusters.md": 400,
     "docs/experiments.md": 800,
+    "docs/fetch.md": 800,
     "docs/mazes.md": 450,
     "docs/optimality.md": 600,
     "docs/report.md": 300,

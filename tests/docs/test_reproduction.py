@@ -1,4 +1,4 @@
-"""The page of what reproduces follows from the entries and the studies."""
+"""The pages of what reproduces and of Fetch follow from the entries, the finished runs and the studies."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ def test_the_page_is_what_the_entries_say() -> None:
     """If this fails: python docs/write_reproduction.py docs/reproduction.md."""
     made = runpy.run_path(str(DOCS / "write_reproduction.py"))["page"]()
     assert (DOCS / "reproduction.md").read_text() == made
+
+
+def test_the_page_on_fetch_is_what_the_runs_say() -> None:
+    """If this fails: python docs/write_fetch.py docs/fetch.md."""
+    made = runpy.run_path(str(DOCS / "write_fetch.py"))["page"]()
+    assert (DOCS / "fetch.md").read_text() == made
 
 
 def test_every_study_has_a_row() -> None:

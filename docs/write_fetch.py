@@ -1,0 +1,196 @@
+"""Writes the page of what was measured on Fetch: `python docs/write_fetch.py docs/fetch.md`.
+
+Every number follows from the entries and the pending runs of `fetch-sparse` and from notes/fetch-diagnostics.csv.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pandas as pd
+
+from sprl_bench import leaderboard
+from sprl_bench.records import Scores
+from sprl_bench.scores import Array, bootstrap_interval, mean
+from sprl_bench.studies.verdicts import difference
+from sprl_bench.tasks import find_suite
+
+ROOT: Final = Path(__file__).parents[1]
+SUITE: Final = "fetch-sparse"
+REACH: Final = "FetchReach-substep2"
+AGENTS: Final = ("ppo", "icm", "eco", "rnd", "sprl", "sprl@scaled", "eco@scaled", "gt-grid", "random")
+SEEDS: Final = 5
+REWARD_LIMIT: Final = 10.0  # of a training reward on Fetch
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the page needs of a run."""
+
+    agent: str
+    task: str
+    seed: int
+    scores: Scores
+    wall_time_s: float
+
+
+HEAD: Final = """# Fetch: what the numbers say
+
+The suite `fetch-sparse` has four tasks with a reward of 1 at the goal, which ends the episode, and 0 elsewhere. An
+action lasts a tenth (Reach) to a half of what it lasts in Gymnasium-Robotics, so chance finds the goal rarely. Budgets
+are 1,000,000 env steps on Reach and 600,000 on the others. All agents share one frame ([how it was
+chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5; a pilot came first
+([pilot](../notes/fetch-pilot.md)).
+
+`python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs. † marks a privileged agent.
+"""
+READING: Final = """
+*AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
+seeds. *Solved* is the median of the env steps until the success of a hundredth of the budget is at least .9. *Minus
+`ppo`* is the difference in AUC; it is significant (bold) if its 95 % interval excludes 0. Five seeds make intervals
+somewhat too narrow ([why](scores.md#confidence-intervals)).
+"""
+
+
+def page() -> str:
+    """Return the whole page."""
+    runs = finished()
+    parts = [HEAD, "\n## FetchReach\n", *reach(runs), READING, *inside(), *missing(runs), *cost(runs)]
+    return "\n".join(parts)
+
+
+def finished() -> list[Run]:
+    """Return the finished runs of the suite with seeds 0 to 4: those of entries, and those that wait for theirs."""
+    folder = ROOT / "leaderboards"
+    of_entries = [
+        Run(entry.agent, one.task.name, run.seed, run.scores, run.wall_time_s or 0.0)
+        for entry in (leaderboard.find_entries(folder / SUITE) if (folder / SUITE).exists() else [])
+        for one in entry.tasks
+        for run in one.results
+    ]
+    waiting = [
+        Run(run.spec.agent, run.spec.task.name, run.spec.seed, run.scores, run.wall_time_s)
+        for pending in leaderboard.find_pending(folder)
+        if pending.suite == SUITE
+        for run in pending.runs
+    ]
+    return [run for run in of_entries + waiting if run.seed < SEEDS]
+
+
+def chosen(runs: Sequence[Run], agent: str, task: str) -> list[Run]:
+    """Return the runs of an agent on a task."""
+    return [run for run in runs if (run.agent, run.task) == (agent, task)]
+
+
+def aucs(runs: Sequence[Run]) -> Array:
+    """Return the scores of some runs."""
+    return np.array([run.scores.auc for run in runs])
+
+
+def named(agent: str) -> str:
+    """Return an agent's name, Markdown."""
+    return f"`{agent}`" + (" †" if agent.startswith("gt-") else "")
+
+
+def reach(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield the table of Reach: agents with all seeds, the best first."""
+    own = {agent: chosen(runs, agent, REACH) for agent in AGENTS}
+    whole = {agent: found for agent, found in own.items() if len(found) == SEEDS}
+    yield "| agent | AUC | final | solved | minus `ppo` |"
+    yield "|---|---:|---:|---:|---:|"
+    for agent in sorted(whole, key=lambda agent: -aucs(whole[agent]).mean()):
+        scores = aucs(whole[agent])
+        ends = bootstrap_interval(scores[:, None], mean, np.random.default_rng(0))
+        assert ends is not None
+        last = np.mean([run.scores.final for run in whole[agent]])
+        yield (
+            f"| {named(agent)} | {scores.mean():.3f} [{ends.low:.3f}, {ends.high:.3f}] | {last:.3f} | "
+            f"{solved(whole[agent])} | {against(scores, whole['ppo']) if agent != 'ppo' else ''} |"
+        )
+
+
+def solved(runs: Sequence[Run]) -> str:
+    """Return the median of the steps to the threshold; a seed that never gets there counts as later than all others."""
+    steps = sorted(run.scores.steps_to_threshold or float("inf") for run in runs)
+    middle = steps[len(steps) // 2]
+    return "not" if middle == float("inf") else f"{middle:,.0f}"
+
+
+def against(scores: Array, others: Sequence[Run]) -> str:
+    """Return the difference from other runs, bold if it is significant."""
+    found = difference("", [scores], [aucs(others)])
+    assert found.interval is not None
+    text = f"{found.value:+.3f} [{found.interval.low:+.3f}, {found.interval.high:+.3f}]"
+    return text if found.outcome == "not decided" else f"**{text}**"
+
+
+def inside() -> Iterator[str]:
+    """Yield what happened inside the agents with a reachability network."""
+    table = pd.read_csv(ROOT / "notes" / "fetch-diagnostics.csv")
+    if "trusted_at" not in table:
+        return
+    yield "## Inside the agents with a reachability network\n"
+    yield (
+        "Means over the seeds whose diagnostics were kept. *Trusted at*: the env steps from which the network is "
+        "used, and its accuracy there. *Charged*: the share of steps that SPRL calls a violation, in the whole run and "
+        "in its last tenth. *Bonus* and *goal*: the bonus of a mean step, and the reward of the goal after "
+        "normalisation, in the last tenth.\n"
+    )
+    yield "| task | agent | seeds | trusted at | accuracy there | at the end | charged | at the end | bonus | goal |"
+    yield "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    known = table[table.trusted_at.notna() & (table.seed < SEEDS)]
+    for (task, agent), rows in known.groupby(["task", "agent"], sort=True):
+        of = rows.mean(numeric_only=True)
+        cells = [
+            task,
+            named(str(agent)),
+            len(rows),
+            f"{of.trusted_at:,.0f}",
+            shown(of.accuracy_when_trusted),
+            shown(of.last_accuracy),
+            shown(of.get("violations", np.nan)),
+            shown(of.get("last_violations", np.nan)),
+            f"{of.last_bonus_a_step:.4f}",
+            f"{min(REWARD_LIMIT, 1 / of.last_reward_deviation):.1f}",
+        ]
+        yield f"| {' | '.join(map(str, cells))} |"
+    yield ""
+
+
+def shown(share: float) -> str:
+    """Return a share as text, empty for what an agent does not have."""
+    return "" if np.isnan(share) else f"{share:.2f}"
+
+
+def missing(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield what has not been run, and the command that does."""
+    tasks = [task.name for task in find_suite(SUITE).tasks]
+    gaps = {task: [agent for agent in AGENTS if len(chosen(runs, agent, task)) < SEEDS] for task in tasks}
+    if not any(gaps.values()):
+        return
+    yield "## What is missing\n"
+    for task, agents in gaps.items():
+        if len(agents) == len(AGENTS):
+            yield f"- {task}: all agents."
+        elif agents:
+            yield f"- {task}: {', '.join(map(named, agents))}."
+    yield "\nNothing is said about them. This command completes them, and takes what is finished as it is:\n"
+    yield "```"
+    yield f"sprl-bench run --suite {SUITE} --agents {','.join(AGENTS)} --known leaderboards/pending"
+    yield "```\n"
+
+
+def cost(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield what the runs took."""
+    hours = sum(run.wall_time_s for run in runs) / 3600
+    yield "## Cost\n"
+    yield f"The {len(runs)} finished runs took {hours:.1f} core-hours of a shared 2-core AMD EPYC, beside other work.\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
