@@ -60,7 +60,7 @@ somewhat too narrow ([why](scores.md#confidence-intervals)).
 def page() -> str:
     """Return the whole page."""
     runs = finished()
-    parts = [HEAD, "\n## FetchReach\n", *reach(runs), READING, *inside(), *missing(runs), *cost(runs)]
+    parts = [HEAD, "## FetchReach\n", *reach(runs), READING, *inside(), *missing(runs), *cost(runs)]
     return "\n".join(parts)
 
 
