@@ -13,7 +13,7 @@ BENCH_READY := $(VENV)/.bench-ready
 NAVIX_READY := $(VENV)-navix/.ready
 PIP := PIP_CONSTRAINT=constraints-ci.txt PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install -q
 
-.PHONY: run test test-long test-upstream frameworks lint types docs bench setup clean
+.PHONY: run test test-long test-upstream known-answers frameworks lint types docs bench setup clean
 
 setup: $(READY)
 
@@ -40,6 +40,11 @@ test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on
 	PIP_CONSTRAINT=$(VENV)-upstream/constraints.txt $(VENV)-upstream/bin/python -m pip install -q -e '.[fetch]' \
 		'mujoco==3.11.*' pytest hypothesis
 	$(VENV)-upstream/bin/python -m pytest tests/envs/fetch/test_upstream.py
+
+KNOWN := random ppo icm eco gt-grid sprl gt-sprl rnd count
+
+known-answers: setup ## Each agent learns as its published band says; two minutes an agent.
+	for agent in $(KNOWN); do OMP_NUM_THREADS=1 $(BIN)/sprl-bench check-agent $$agent || exit 1; done
 
 FRAMEWORKS := 'torchrl' 'tianshou' 'skrl' 'minari[create,hdf5]' 'ray[rllib]'
 

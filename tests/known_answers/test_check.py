@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,18 @@ from sprl_bench.known_answers.bands import NARROWEST, band_of, figures_of, publi
 from sprl_bench.known_answers.check import BAND_SEEDS, SEEDS
 
 ANY, DELAYED, OBSERVATION, FOUR_ROOMS = (task.name for task in SUITE.tasks)
+ROOT = Path(__file__).parents[2]
 policy_loss = ppo._policy_loss
 
 
 def test_the_figures_of_a_curve_are_its_fifths_its_mean_and_its_best() -> None:
     assert figures_of(np.arange(100)).tolist() == [9.5, 29.5, 49.5, 69.5, 89.5, 49.5, 89.5]
+
+
+def test_every_agent_with_a_band_is_checked_every_night() -> None:
+    [words] = re.findall("^KNOWN := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert set(words.split()) == {agent for of_task in published()["figures"].values() for agent in of_task}
+    assert "make known-answers" in (ROOT / ".github/workflows/nightly.yml").read_text()
 
 
 def test_a_band_by_hand() -> None:
