@@ -41,11 +41,19 @@ class Task:
 
 @dataclass(frozen=True)
 class Suite:
-    """A named, versioned tuple of tasks; its mean AUC is the mean over them."""
+    """A named, versioned tuple of tasks; its mean AUC is the mean over them.
+
+    Attributes:
+        name: Its name.
+        version: Raised when a number may move.
+        tasks: Its tasks.
+        ranks: Whether its budgets suffice to rank agents; those of a suite for trying things out do not.
+    """
 
     name: str
     version: int
     tasks: tuple[Task, ...]
+    ranks: bool = True
 
     def task(self, name: str) -> Task:
         """Return the task of that name.
@@ -189,10 +197,15 @@ _ROWS = (
         ),
     ),
     Suite("maze", 1, _MAZES),
-    Suite("maze-smoke", 1, tuple(replace(task, budget=20_000, max_num_envs=None) for task in _MAZES)),
-    Suite("smoke", 2, (_SMOKE,)),
+    Suite("maze-smoke", 1, tuple(replace(task, budget=20_000, max_num_envs=None) for task in _MAZES), ranks=False),
+    Suite("smoke", 2, (_SMOKE,), ranks=False),
     Suite("atari", 1, tuple(_atari(game, _ATARI_BUDGET) for game in _ATARI_RECORDS)),
-    Suite("atari-smoke", 1, tuple(replace(_atari(game, 20_000), max_num_envs=None) for game in _ATARI_RECORDS)),
+    Suite(
+        "atari-smoke",
+        1,
+        tuple(replace(_atari(game, 20_000), max_num_envs=None) for game in _ATARI_RECORDS),
+        ranks=False,
+    ),
 )
 # The order matters: a run that names no suite belongs to the first one that holds its task.
 SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _ROWS})

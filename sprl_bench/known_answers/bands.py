@@ -5,6 +5,10 @@ agent that has learned may unlearn for a while). The band of each is the predict
 given n published ones: mean +- t s sqrt(1 / m + 1 / n), with Student's t of n - 1 degrees of freedom (Hahn and Meeker,
 Statistical Intervals, 1991, section 4.8). The figures share an error of 1 % (Bonferroni): a sound agent is out of the
 band in at most about 1 of 100 checks of a task.
+
+Returns are not normal: most seeds of an agent may reach the best return early, and a few late. Ten seeds may hold none
+of the late ones, and their deviation s is then much too small. So s is at least the root mean square of the deviations
+of all agents on the task, which share a learner.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import numpy as np
 from sprl_bench.scores import Array
 from sprl_bench.suggestions import unknown
 
+CHANCE: Final = "random"  # does not learn
 FIFTHS: Final = 5
 FIGURES: Final = FIFTHS + 2
 ERROR: Final = 0.01
@@ -54,18 +59,20 @@ def figures_of(curve: Sequence[float]) -> Array:
     return np.array([*fifths, fifths.mean(), fifths.max()])
 
 
-def band_of(published: Array, runs: int) -> Band:
+def band_of(published: Array, runs: int, least: Array | float = 0.0) -> Band:
     """Return the band of the mean of `runs` new runs.
 
     Args:
         published: The figures of each published run, [n, 7].
         runs: m, how many new runs there are.
+        least: The smallest deviation of a run, of each figure, [7].
     """
     from scipy import stats  # noqa: PLC0415 - slow to load
 
     number = len(published)
     quantile = stats.t.ppf(1 - ERROR / (2 * published.shape[1]), number - 1)
-    half = quantile * published.std(axis=0, ddof=1) * np.sqrt(1 / runs + 1 / number)
+    deviation = np.maximum(published.std(axis=0, ddof=1), least)
+    half = quantile * deviation * np.sqrt(1 / runs + 1 / number)
     mean, half = published.mean(axis=0), np.maximum(half, NARROWEST)
     return Band(mean, mean - half, mean + half)
 
@@ -75,6 +82,13 @@ def published() -> Mapping[str, Any]:
     """Return the published runs: how they were made, and their figures by task and agent."""
     found: Mapping[str, Any] = json.loads(FILE.read_text(encoding="utf-8"))
     return found
+
+
+def usual_deviation(task: str) -> Array:
+    """Return the root mean square of the deviations of all agents that learn a task, of each figure, [7]."""
+    of_agents = published()["figures"].get(task, {})
+    variances = [np.var(runs, axis=0, ddof=1) for agent, runs in of_agents.items() if agent != CHANCE]
+    return np.sqrt(np.mean(variances, axis=0)) if variances else np.zeros(FIGURES)
 
 
 def published_figures(task: str, agent: str) -> Array | None:

@@ -16,7 +16,16 @@ from typing import Final
 
 import numpy as np
 
-from sprl_bench.known_answers.bands import FIFTHS, FIGURES, Band, band_of, figures_of, published_figures
+from sprl_bench.known_answers.bands import (
+    CHANCE,
+    FIFTHS,
+    FIGURES,
+    Band,
+    band_of,
+    figures_of,
+    published_figures,
+    usual_deviation,
+)
 from sprl_bench.known_answers.probe_envs import KNOWN, register
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.run import run
@@ -39,7 +48,6 @@ PROBES: Final = tuple(
 )
 SUITE: Final = Suite("check", 1, (*PROBES, FOUR_ROOMS))
 SEEDS: Final = (0, 1, 2)
-PROBE_SEEDS: Final = (0,)
 BAND_SEEDS: Final = tuple(range(200, 210))
 Progress = Callable[[RunSpec], None]
 
@@ -117,10 +125,10 @@ def check_agent(
             runs = bands[task.name]
             if runs is None:
                 continue
-            seeds = PROBE_SEEDS if task in PROBES else SEEDS
-            records = list(_train(agent, task, seeds, folder, progress))
+            records = list(_train(agent, task, folder, progress))
             figures = np.mean([figures_of(one.return_curve) for one in records], axis=0)
-            yield Verdict(task.name, seeds, figures, band_of(runs, len(seeds)), KNOWN.get(task.env_id))
+            least = 0.0 if (like or agent) == CHANCE else usual_deviation(task.name)
+            yield Verdict(task.name, SEEDS, figures, band_of(runs, len(SEEDS), least), KNOWN.get(task.env_id))
 
 
 def _published(task: Task, agent: str) -> Array | None:
@@ -130,8 +138,8 @@ def _published(task: Task, agent: str) -> Array | None:
     return published_figures(task.name, agent)
 
 
-def _train(agent: str, task: Task, seeds: Sequence[int], folder: Path, progress: Progress) -> Iterator[RunRecord]:
-    for spec in expand(SUITE, [agent], seeds, tasks=[task.name]):
+def _train(agent: str, task: Task, folder: Path, progress: Progress) -> Iterator[RunRecord]:
+    for spec in expand(SUITE, [agent], SEEDS, tasks=[task.name]):
         progress(spec)
         with _without_warnings():
             record = run(spec, folder)

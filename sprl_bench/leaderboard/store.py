@@ -178,10 +178,9 @@ def board(entries: Sequence[Entry]) -> Table:
     if not entries:
         raise ValueError("This board has no entry yet.")
     table = tabulate_results([result for entry in entries for result in entry.results()])
-    rows = sorted(table.rows, key=lambda row: (-row.auc.value if row.auc else 0.0, row.agent))
     by_agent = {entry.agent: entry for entry in entries}
-    sources = [_source(by_agent[row.agent]) for row in rows]
-    return table.model_copy(update={"rows": tuple(rows), "notes": (*table.notes, *sources)})
+    sources = [_source(by_agent[row.agent]) for row in table.rows]
+    return table.model_copy(update={"notes": (*table.notes, *sources)})
 
 
 def _source(entry: Entry) -> str:

@@ -81,6 +81,7 @@ def check_comparable(results: Sequence[Result]) -> list[str]:
         *_device_notes(results),
         *_width_notes(results),
         *_abandoned_notes(results),
+        *_endless_notes(results),
         *_suite_notes(results),
     ]
 
@@ -234,6 +235,16 @@ def _abandoned_notes(results: Sequence[Result]) -> list[str]:
     ]
 
 
+def _endless_notes(results: Sequence[Result]) -> list[str]:
+    """Note the agents with a run in which no episode ended."""
+    return [
+        f"{agent}: no episode on {task} ended within a run's budget, so its score of 0 says nothing."
+        for task, of_task in _grouped(results, lambda result: result.task.name)
+        for agent, runs in _grouped(of_task, lambda result: result.agent)
+        if any(run.episodes == 0 for run in runs)
+    ]
+
+
 def _suite_notes(results: Sequence[Result]) -> list[str]:
     """Note runs that are not of a published suite, of its current version, or of its budget."""
     suite = SUITES.get(results[0].suite)
@@ -242,9 +253,10 @@ def _suite_notes(results: Sequence[Result]) -> list[str]:
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}
+    trial = [] if suite.ranks else ["This suite is for trying things out; its budgets are too small to rank agents."]
     return [
         f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
         f"{official[name].budget:,}; not comparable with published scores."
         for name, runs in _grouped(results, lambda result: result.task.name)
         if name in official and runs[0].task.budget != official[name].budget
-    ]
+    ] + trial

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Literal, get_args
@@ -53,6 +54,13 @@ def drops_of(
 def _drop(hole: Hole, status: str) -> Drop:
     known: dict[str, Reason] = {reason: reason for reason in get_args(Reason)}
     return Drop(agent=hole.agent, task=hole.task, seed=hole.seed, reason=known.get(status, "missing"))
+
+
+def begun(drops: Sequence[Drop]) -> str:
+    """Return how many have begun and not finished, such as " (1 running, 2 interrupted)"; empty for none."""
+    counts = Counter(one.reason for one in drops)
+    parts = [f"{counts[reason]} {reason}" for reason in ("running", "interrupted", "failed") if counts[reason]]
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def drops_line(planned: int, drops: Sequence[Drop]) -> str:

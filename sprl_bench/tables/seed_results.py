@@ -45,6 +45,7 @@ class Result:
     return_curve: tuple[float, ...]
     success_curve: tuple[float, ...]
     scores: Scores
+    episodes: int | None = None  # that ended within the budget; entries do not say
 
     @classmethod
     def of(cls, record: RunRecord) -> Result:

@@ -6,6 +6,7 @@ row does not depend on another's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -19,7 +20,7 @@ from sprl_bench.extras import require_extra
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.comparable import check_comparable, split_comparable
-from sprl_bench.tables.drops import Drop, drops_of
+from sprl_bench.tables.drops import Drop, begun, drops_of
 from sprl_bench.tables.seed_results import (
     Hole,
     MissingRunsError,
@@ -39,8 +40,8 @@ BOOTSTRAP_SEED = 20210706
 """Seeds the generator of every interval."""
 NONE: Final[Mapping[Path, str]] = MappingProxyType({})
 REMEDY = (
-    "Allow missing runs (--allow-missing) to see the others, choose with --suite, --task or --agent, or remove the "
-    "folders of runs that are no longer wanted."
+    "Finish them with the command that began them, allow missing runs (--allow-missing) to see the others, or choose "
+    "with --suite, --task or --agent; remove the folders only of runs that you do not want."
 )
 
 
@@ -259,9 +260,10 @@ def tabulate_results(
     notes = check_comparable(shown)
     wanted = list(planned)
     holes = find_holes(shown, wanted, names)
-    if holes and not allow_missing:
-        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}. {REMEDY}")
     unusable = [Hole(one.agent, one.task.name, one.seed) for one in incomparable]
+    drops = drops_of(results[0].suite, holes, unusable, statuses)
+    if holes and not allow_missing:
+        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}{begun(drops)}. {REMEDY}")
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)
@@ -272,11 +274,18 @@ def tabulate_results(
         suite=shown[0].suite,
         suite_version=shown[0].suite_version,
         tasks=names,
-        rows=tuple(_row(agent, known[agent], runs, names, holes) for agent, runs in sorted(by_agent.items())),
+        rows=tuple(
+            sorted((_row(agent, known[agent], runs, names, holes) for agent, runs in by_agent.items()), key=_place)
+        ),
         notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
         planned=len(shown) + len({*holes, *unusable}),
-        drops=drops_of(results[0].suite, holes, unusable, statuses),
+        drops=drops,
     )
+
+
+def _place(row: Row) -> tuple[float, str]:
+    """Return where a row stands: the highest mean AUC first, then those without one, by name."""
+    return (-row.auc.value if row.auc else math.inf, row.agent)
 
 
 def _row(

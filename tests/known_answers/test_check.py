@@ -13,7 +13,7 @@ from torch import Tensor
 from sprl_baselines import ppo
 from sprl_bench.cli import main
 from sprl_bench.known_answers import SUITE, check_agent
-from sprl_bench.known_answers.bands import NARROWEST, band_of, figures_of, published, published_figures
+from sprl_bench.known_answers.bands import NARROWEST, band_of, figures_of, published, published_figures, usual_deviation
 from sprl_bench.known_answers.check import BAND_SEEDS, SEEDS
 
 ANY, DELAYED, OBSERVATION, FOUR_ROOMS = (task.name for task in SUITE.tasks)
@@ -44,6 +44,18 @@ def test_runs_of_the_same_kind_are_out_of_the_band_in_about_1_of_100_checks_or_f
     for _ in range(1_000):
         runs = 0.5 + 0.1 * drawn.standard_normal((13, 1)) + 0.05 * drawn.standard_normal((13, 7))
         out += bool(band_of(runs[:10], 3).outside(runs[10:].mean(axis=0)))
+    assert out / 1_000 < 0.01 + 3 * np.sqrt(0.01 * 0.99 / 1_000)
+
+
+@pytest.mark.parametrize("task", sorted(published()["figures"]))
+def test_so_are_published_runs_with_a_few_late_ones(task: str) -> None:
+    """The agents that learn a probe as PPO does, drawn anew as if they were one: ten published runs, three new ones."""
+    alike = [published_figures(task, agent) for agent in ("ppo", "icm", "count", "gt-grid")]
+    pool = np.concatenate([runs for runs in alike if runs is not None])
+    drawn, out, least = np.random.default_rng(0), 0, usual_deviation(task)
+    for _ in range(1_000):
+        runs = pool[drawn.integers(len(pool), size=13)]
+        out += bool(band_of(runs[:10], 3, least).outside(runs[10:].mean(axis=0)))
     assert out / 1_000 < 0.01 + 3 * np.sqrt(0.01 * 0.99 / 1_000)
 
 
@@ -111,7 +123,7 @@ def test_random_is_in_its_own_band_and_out_of_ppos() -> None:
 
 def test_runs_are_kept_where_that_is_asked_for(tmp_path: Path) -> None:
     list(check_agent("random", tasks=[ANY], out=tmp_path))
-    assert len(list(tmp_path.rglob("record.json"))) == 1
+    assert len(list(tmp_path.rglob("record.json"))) == len(SEEDS)
 
 
 def test_the_command_checks_a_port(

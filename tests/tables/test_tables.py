@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from sprl_bench.tables import (
     IncomparableError,
     MissingRunsError,
     Result,
+    Table,
     check_comparable,
     render,
     tabulate,
@@ -33,6 +35,14 @@ from sprl_bench.tasks import find_suite
 
 MakeRecord = Callable[..., RunRecord]
 FOUR, KEY = "FourRooms-7x7", "KeyDoors-7x7"
+
+
+TRIAL = "This suite is for trying things out; its budgets are too small to rank agents."
+
+
+def told(table: Table) -> tuple[str, ...]:
+    """Return the notes of a table of the suite `smoke`, but for the one that all of them have."""
+    return tuple(note for note in table.notes if note != TRIAL)
 
 
 def test_means_and_seeds_by_hand(grid_7x7: list[RunRecord]) -> None:
@@ -151,15 +161,15 @@ def test_an_agent_that_finished_nothing_keeps_its_row(make_record: MakeRecord) -
         tabulate([make_record()], planned=planned)
     [table] = tabulate([make_record()], planned=planned, allow_missing=True)
     assert [(row.agent, row.privileged, row.auc is None) for row in table.rows] == [
-        ("gt-sprl", True, True),
         ("ppo", False, False),
+        ("gt-sprl", True, True),
     ]
 
 
 def test_a_suite_in_which_nothing_finished_is_missing(make_record: MakeRecord) -> None:
     planned = [make_record(suite="grid").spec]
     lost = r"No run is finished of grid; 1 run is missing: FourRooms-7x7/ppo/seed-0\."
-    with pytest.raises(MissingRunsError, match=lost + r" Allow missing runs \(--allow-missing\)"):
+    with pytest.raises(MissingRunsError, match=lost + r" Finish them .* allow missing runs \(--allow-missing\)"):
         tabulate([make_record()], planned=planned)
     [table] = tabulate([make_record()], planned=planned, allow_missing=True)
     assert re.fullmatch(lost, table.notes[-1])
@@ -179,7 +189,7 @@ def test_there_is_one_table_a_suite_and_one_a_custom_task(make_record: MakeRecor
         ("smoke", (FOUR,)),
     ]
     assert "not comparable with published scores" in tables[0].notes[0]
-    assert tables[3].notes == ()
+    assert tables[3].notes == (TRIAL,)
     with pytest.raises(MissingRunsError, match=r"No run is finished of custom/FourRooms-7x7-2000;"):
         tabulate(custom[:1], planned=[record.spec for record in custom])
     assert tabulate(custom[:1], planned=[record.spec for record in custom], tasks=["FourRooms-7x7-1000"])
@@ -332,7 +342,7 @@ def test_a_hyperparameter_that_is_null_is_not_one_that_is_absent(make_record: Ma
 
 def test_builds_devices_and_surroundings_that_differ_are_told(make_record: MakeRecord) -> None:
     def notes(*changes: dict[str, Any], agents: str = "aa") -> tuple[str, ...]:
-        return tabulate([make_record(agents[seed], seed=seed, **one) for seed, one in enumerate(changes)])[0].notes
+        return told(tabulate([make_record(agents[seed], seed=seed, **one) for seed, one in enumerate(changes)])[0])
 
     one, two = "1" * 40, "2" * 40
     assert notes({"git_commit": one}, {"git_commit": one}) == ()
@@ -350,7 +360,7 @@ def test_builds_devices_and_surroundings_that_differ_are_told(make_record: MakeR
     )
     here, there = make_record("a", seed=0), make_record("a", seed=1)
     there = there.model_copy(update={"spec": there.spec.model_copy(update={"device": "cuda:1"})})
-    assert tabulate([here, there])[0].notes == ("Different devices: cpu (a), cuda (a).",)
+    assert told(tabulate([here, there])[0]) == ("Different devices: cpu (a), cuda (a).",)
 
 
 def test_seeds_of_other_hyperparameters_are_refused(make_record: MakeRecord) -> None:
@@ -375,7 +385,7 @@ def test_other_numbers_of_sub_environments_are_said_aloud(make_record: MakeRecor
     few, many = make_record("ppo"), make_record("icm")
     many = many.model_copy(update={"spec": many.spec.model_copy(update={"num_envs": 256})})
     [table] = tabulate([few, many])
-    assert table.notes == ("Different numbers of sub-environments, which moves scores: 12 (ppo), 256 (icm).",)
+    assert told(table) == ("Different numbers of sub-environments, which moves scores: 12 (ppo), 256 (icm).",)
     other = many.model_copy(update={"spec": many.spec.model_copy(update={"num_envs": 12, "seed": 1})})
     with pytest.raises(IncomparableError, match=r"agent icm: num_envs differs: 12 \(icm\), 256 \(icm\)"):
         tabulate([many, other])
@@ -393,19 +403,34 @@ def test_many_abandoned_episodes_are_said_aloud(make_record: MakeRecord) -> None
         record = make_record("ppo", seed=seed)
         return record.model_copy(update={"totals": record.totals.model_copy(update={"abandoned": number})})
 
-    assert tabulate([left(1, 0), left(0, 1)])[0].notes == ()
-    told = "ppo reset up to 12% of a run's episodes before their end on FourRooms-7x7; they count as failures."
-    assert tabulate([left(12, 0), left(3, 1)])[0].notes == (told,)
+    assert told(tabulate([left(1, 0), left(0, 1)])[0]) == ()
+    note = "ppo reset up to 12% of a run's episodes before their end on FourRooms-7x7; they count as failures."
+    assert told(tabulate([left(12, 0), left(3, 1)])[0]) == (note,)
+
+
+def test_runs_in_which_no_episode_ended_are_said_to_say_nothing(make_record: MakeRecord) -> None:
+    record = make_record("ppo", level=0.0)
+    empty = record.model_copy(update={"totals": record.totals.model_copy(update={"episodes": 0})})
+    note = "ppo: no episode on FourRooms-7x7 ended within a run's budget, so its score of 0 says nothing."
+    assert tabulate([make_record("icm"), empty])[0].notes == (note, TRIAL)
+    assert told(tabulate([make_record("icm"), record])[0]) == ()
+
+
+def test_runs_that_have_begun_are_told_from_those_that_have_not(make_record: MakeRecord) -> None:
+    planned = [make_record("ppo", seed=seed).spec for seed in range(4)]
+    statuses = {planned[seed].path(Path()): status for seed, status in ((1, "running"), (2, "interrupted"))}
+    with pytest.raises(MissingRunsError, match=r"3 runs are missing: .* \(1 running, 1 interrupted\)\. Finish them"):
+        tabulate([make_record("ppo")], planned=planned, statuses=statuses)
 
 
 def test_other_package_versions_are_said_aloud(make_record: MakeRecord) -> None:
     versions = {"numpy": "2.4.6", "torch": "2.13.0", "rich": "15.0"}
     records = [make_record("ppo", versions=versions), make_record("icm", versions={**versions, "numpy": "2.3"})]
     [table] = tabulate(records)
-    assert table.notes == ("Different versions of numpy: 2.3 (icm), 2.4.6 (ppo).",)
+    assert told(table) == ("Different versions of numpy: 2.3 (icm), 2.4.6 (ppo).",)
     assert "Different versions of numpy" in render([table], "latex")
     # What one of them did not load, and what no number depends on, does not matter.
-    assert tabulate([make_record("ppo", versions=versions), make_record("icm", versions={"rich": "14"})])[0].notes == ()
+    assert told(tabulate([make_record("ppo", versions=versions), make_record("icm", versions={"rich": "14"})])[0]) == ()
 
 
 def test_another_simulator_is_refused(make_record: MakeRecord) -> None:
@@ -418,7 +443,8 @@ def test_a_budget_that_is_not_the_suites_is_said_aloud(make_record: MakeRecord) 
     notes = check_comparable([Result.of(make_record(task_changes={"budget": 500}))])
     assert notes == [
         "FourRooms-7x7: a budget of 500 environment steps instead of the suite's 100,000; not comparable with "
-        "published scores."
+        "published scores.",
+        TRIAL,
     ]
     notes = check_comparable([Result.of(make_record(suite_version=7))])
     assert notes == ["Version 7 of the suite; the one installed is 2."]
