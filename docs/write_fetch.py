@@ -51,7 +51,7 @@ chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5; a pilo
 """
 READING: Final = """
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
-seeds. *Solved* is the median of the env steps until the success of a hundredth of the budget is at least .9. *Minus
+seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
 `ppo`* is the difference in AUC; it is significant (bold) if its 95 % interval excludes 0. Five seeds make intervals
 somewhat too narrow ([why](scores.md#confidence-intervals)).
 """
@@ -101,7 +101,7 @@ def reach(runs: Sequence[Run]) -> Iterator[str]:
     """Yield the table of Reach: agents with all seeds, the best first."""
     own = {agent: chosen(runs, agent, REACH) for agent in AGENTS}
     whole = {agent: found for agent, found in own.items() if len(found) == SEEDS}
-    yield "| agent | AUC | final | solved | minus `ppo` |"
+    yield "| agent | AUC | final | to .5 | minus `ppo` |"
     yield "|---|---:|---:|---:|---:|"
     for agent in sorted(whole, key=lambda agent: -aucs(whole[agent]).mean()):
         scores = aucs(whole[agent])
@@ -118,7 +118,7 @@ def solved(runs: Sequence[Run]) -> str:
     """Return the median of the steps to the threshold; a seed that never gets there counts as later than all others."""
     steps = sorted(run.scores.steps_to_threshold or float("inf") for run in runs)
     middle = steps[len(steps) // 2]
-    return "not" if middle == float("inf") else f"{middle:,.0f}"
+    return "never" if middle == float("inf") else f"{middle:,.0f}"
 
 
 def against(scores: Array, others: Sequence[Run]) -> str:

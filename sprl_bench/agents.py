@@ -107,9 +107,11 @@ def load_factory(name: str) -> AgentFactory:
         ModuleNotFoundError: The module, or something that it needs, is not installed.
     """
     target = name if ":" in name else _installed(name)
-    factory: AgentFactory = load_attribute(target)
-    if not callable(factory):
-        raise ValueError(f"agent is {name!r}; it must name a callable factory, which {target!r} is not.")
+    found = load_attribute(target)
+    if not callable(found):
+        what = "there is no such thing in it" if found is None else "it is not callable"
+        raise ValueError(f"agent is {name!r}; it must name a factory in {target.partition(':')[0]}, and {what}.")
+    factory: AgentFactory = found
     return factory
 
 
@@ -119,13 +121,28 @@ def load_attribute(target: str) -> Any:
     Raises:
         ValueError: It is not of that form.
     """
+    module, _, attribute = target.partition(":")
+    if module.endswith(".py") and FORM.fullmatch(target):
+        raise ValueError(f"code is named {target!r}; it must be a module, not a file: {module[:-3]}:{attribute}.")
     if not FORM.fullmatch(target):
         raise ValueError(f"code is named {target!r}; it must be package.module:attribute, each a Python name.")
-    module, _, attribute = target.partition(":")
-    found: Any = importlib.import_module(module)
+    found = _module(module)
     for part in attribute.split("."):
         found = getattr(found, part, None)
     return found
+
+
+def _module(name: str) -> Any:
+    """Import a module that the user named."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise  # something that the module needs
+        raise ModuleNotFoundError(
+            f"No module named {error.name!r}, neither here nor installed; run the command in the module's folder.",
+            name=error.name,
+        ) from None
 
 
 def _installed(name: str) -> str:

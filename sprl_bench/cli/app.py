@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Annotated, Final, cast
+from typing import Annotated, Any, Final, cast
 
 import typer
 
@@ -107,12 +107,21 @@ def _call(words: Sequence[str]) -> int:
             status = app(list(words), standalone_mode=False)
             sys.stdout.flush()
     except UsageError as error:
-        return _complain(error.format_message(), MISUSED)
+        return _complain(_misuse(error), MISUSED)
     except typer.Abort:
         return _complain("Aborted.", FAILED)
     if status == INTERRUPTED:  # the parser has turned the KeyboardInterrupt into it
         raise KeyboardInterrupt
     return status if isinstance(status, int) else 0
+
+
+def _misuse(error: Any) -> str:
+    """Return what is wrong with the words of a command; for an unknown command, with those that there are."""
+    text: str = error.format_message()
+    commands = getattr(getattr(error.ctx, "command", None), "commands", None)
+    if commands and text.startswith("No such command") and "Did you mean" not in text:
+        return f"{text} It must be one of: {', '.join(commands)}."
+    return text
 
 
 def _sentence(error: Exception) -> str:

@@ -73,6 +73,7 @@ def sweep(
     if dry_run:
         for name in declaration.names:
             typer.echo(name)
+        note_short_budgets(specs)
         return 0
     works = make_executor(executor, workers)
     sweeps.declare(declaration, out)

@@ -103,6 +103,9 @@ class Study:
         new = AgentName.parse(base)
         if given := sorted(self._varying(own) & set(new.differences)):
             raise ValueError(f"base is {base!r}; it must leave out {given[0]}, which {self.name} varies.")
+        known = hyperparameters_of(new, self._domain).values
+        if foreign := sorted(self._varying(own) - set(known)):
+            raise ValueError(f"base is {base!r}; it must be an agent with {foreign[0]}, which {self.name} varies.")
         variants = [replace(new, differences={**new.differences, **values}) for values in self._varied(own)]
         return tuple(plainest(variant, self._domain).full for variant in variants)
 

@@ -15,7 +15,6 @@ from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import load_factory, resolve_hyperparameters
 from sprl_bench.records import RunSpec
 from sprl_bench.records.files import read_bytes, refuse_mark
-from sprl_bench.suggestions import unknown
 from sprl_bench.suite import expand
 from sprl_bench.sweeps.declaration import Declaration, Setting
 from sprl_bench.tasks import find_suite
@@ -58,7 +57,8 @@ def read_ranges(path: Path, agents: Sequence[str]) -> dict[str, list[Ranges]]:
         raise ValueError(f"range is {path}; it must hold a table for each agent.")
     for agent in agents:
         if agent not in content:
-            raise ValueError(f"range is {path}; " + unknown("agent", agent, content))
+            there = ", ".join(content) or "none"
+            raise ValueError(f"range is {path}; it must have a table [{agent}], and has {there}.")
     return {agent: _tables(path, agent, content[agent]) for agent in agents}
 
 

@@ -52,7 +52,8 @@ class Ranking:
         agent: The agent.
         tasks: The columns of the scores.
         seeds: The rows of a setting's scores.
-        settings: Those with at least one run on each task, by their mean, then in the order of the declaration.
+        settings: Those with at least one run on each task: first those without a missing run; by their mean, then in
+            the order of the declaration.
         missing: How many runs are missing.
     """
 
@@ -132,7 +133,7 @@ def _ranking(
         missing += int(np.isnan(aucs).sum())
         if not np.isnan(aucs).all(axis=0).any():
             ranked.append(_ranked(setting, aucs))
-    ranked.sort(key=lambda one: one.mean or 0.0, reverse=True)  # stable: equal ones stay as declared
+    ranked.sort(key=lambda one: (one.complete, one.mean or 0.0), reverse=True)  # stable: equal ones stay as declared
     return Ranking(agent, tuple(declaration.tasks), declaration.seeds, tuple(ranked), missing)
 
 

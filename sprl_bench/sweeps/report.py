@@ -92,8 +92,8 @@ def _sensitivity_lines(ranking: Ranking) -> list[str]:
     return [
         f"- The best setting of each task has {found.by_task:.3f}, one setting for all {found.overall:.3f}: "
         f"{found.loss:.3f} is lost by one for all. With few seeds, part of it is chance.",
-        f"- Tuning {found.dimensionality} of {len(ranking.values[0])} hyperparameters for each task, and none of the "
-        f"others, is enough for 95 % of the first score{tuned}.",
+        f"- To keep 95 % of the first score, {found.dimensionality} of {len(ranking.values[0])} hyperparameters must "
+        f"be tuned for each task{tuned}.",
     ]
 
 

@@ -67,7 +67,7 @@ def drops_line(planned: int, drops: Sequence[Drop]) -> str:
     """Return the line under a table that says what is left out of how many planned runs."""
     runs = f"{planned} planned run{'s' * (planned != 1)}"
     if not drops:
-        return f"Drops: none of {runs}."
+        return f"Drops: none; the table has all {runs}." if planned != 1 else f"Drops: none; the table has the {runs}."
     parts = [_part(reason, [one for one in drops if one.reason == reason]) for reason in REASONS]
     return f"Drops: {len(drops)} of {runs}: {'; '.join(filter(None, parts))}."
 

@@ -164,7 +164,7 @@ def test_the_readme_is_short() -> None:
 def test_the_pages_for_users_are_short() -> None:
     others = {"docs/hyperparameters.md", *LIMITS}  # the first is written by a program
     written = [page for page in pages(("docs/*.md", "baselines/README.md")) if page not in others]
-    assert sum(map(words_of, written)) < 7000
+    assert sum(map(words_of, written)) < 7100
 
 
 @pytest.mark.parametrize("page", LIMITS)

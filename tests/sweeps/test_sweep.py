@@ -252,7 +252,10 @@ class Interrupted:
         (["--agents", "ppo+learning_rate=0.1"], "it must not give learning_rate, which the sweep varies"),
         ([], "agents is missing; a sweep needs both --suite and --agents"),
         (["--agents", "ppo", "--range", "broken.toml"], "range is broken.toml; it must be TOML"),
-        (["--agents", "ppo", "--range", "other.toml"], "range is other.toml; Unknown agent 'ppo'"),
+        (
+            ["--agents", "ppo", "--range", "other.toml"],
+            "range is other.toml; it must have a table [ppo], and has gt-grid, count, sprl",
+        ),
         (["--agents", "sprl", "--range", "other.toml"], "other.toml: sprl.k is 3; it must be a list of values"),
         (["--agents", "icm", "--range", "other.toml"], "k of icm is [1, 1]; it must have each value once"),
         (["--agents", "eco", "--range", "other.toml"], "Unknown hyperparameter 'kk'"),

@@ -25,11 +25,11 @@ def last_line(runs: list[RunRecord], **rest: object) -> str:
 @pytest.mark.parametrize("form", sorted(set(FORMATS) - {"csv"}))
 def test_every_table_has_the_line(form: str, grid_7x7: list[RunRecord]) -> None:
     text = render(tabulate(grid_7x7), form)
-    assert ('"planned": 20' if form == "json" else "Drops: none of 20 planned runs.") in text
+    assert ('"planned": 20' if form == "json" else "Drops: none; the table has all 20 planned runs.") in text
 
 
 def test_a_single_run_is_no_plural(make_record: MakeRecord) -> None:
-    assert last_line([make_record()]) == "- Drops: none of 1 planned run."
+    assert last_line([make_record()]) == "- Drops: none; the table has the 1 planned run."
 
 
 def test_each_drop_has_its_reason(grid_7x7: list[RunRecord], make_record: MakeRecord) -> None:

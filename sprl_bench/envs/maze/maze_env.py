@@ -39,9 +39,9 @@ class MazeEnv(gymnasium.Env[Frame, np.int64]):
     - GoalLarge: 17 x 17 cells, at most 9 rooms of 3 x 3.
     - ObjectMany: one room of 11 x 11. Collect the four good objects and avoid the four bad ones.
 
-    A cell is 100 units wide. The top speed is 320 units a second of 60 frames, and an action lasts 4 frames: at most
-    .2134 cells, or a turn of 8.4 degrees. In each frame the velocity closes a quarter of its gap to the wanted one. The
-    agent is 30 units wide and slides along walls.
+    A cell is 100 units wide. The top speed is 320 units a second of 60 frames. An action lasts 4 frames: the agent
+    moves by at most .2134 cells, or turns by 8.4 degrees. In each frame the velocity closes a quarter of its gap to the
+    wanted one. The agent is 30 units wide and slides along walls.
 
     ## Action Space
 
@@ -74,7 +74,7 @@ class MazeEnv(gymnasium.Env[Frame, np.int64]):
 
     An episode draws one of 10,000 layouts, the goal's or objects' places, the start, its direction, and all patterns
     and colours. At the goal, the agent goes on from another start, drawn anew; goal and maze stay. In ObjectMany, when
-    all good objects are taken, objects and start are drawn anew. Either ends the action.
+    all good objects are taken, objects and start are drawn anew. A new start ends the action.
 
     ## Episode End
 
