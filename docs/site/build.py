@@ -40,6 +40,8 @@ ROOMS: Final[Mapping[str, str]] = {
 BOARDS: Final = ROOT / "leaderboards"
 STYLE: Final = HERE / "site.css"
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
+INTERVAL: Final = re.compile(r"\[([-+]?\d[\d.,]*), ([-+]?\d[\d.,]*)\]")
+"""An interval in text, which no line break should part."""
 CONTENTS: Final[Mapping[str, Sequence[str]]] = {
     "Guide": (
         "Start <README>",
@@ -133,11 +135,15 @@ def _pages() -> list[Path]:
 
 def _all_parts() -> dict[str, Sequence[str]]:
     """Return the table of contents, with every other page of `docs` at the end of the guide."""
-    known = {page for pages in CONTENTS.values() for page in pages}
+    known = {page for pages in CONTENTS.values() for page in pages} | {"docs/atari", "docs/mazes"}
     others = [str(page.with_suffix("")) for page in _pages() if page.parts[0] == "docs"]
     return {
         "Guide": [*CONTENTS["Guide"], *(page for page in others if page not in known)],
-        "Environments": [f"generated/{family.name}" for family in families.FAMILIES],
+        "Environments": [
+            *(f"generated/{family.name}" for family in families.FAMILIES),
+            "Mazes: suite and commands <docs/mazes>",
+            "Atari: rules and commands <docs/atari>",
+        ],
         **{name: pages for name, pages in CONTENTS.items() if name not in ("Guide", "Project")},
         "Boards": ["generated/boards", *(f"generated/board-{name}" for name in boards.names_of(BOARDS))],
         "Project": ["generated/citation", *CONTENTS["Project"]],
@@ -154,6 +160,7 @@ def _copy(page: Path, source: Path) -> None:
     """Copy a page and the files that it links to."""
     folder = (ROOT / page).parent
     text = LINK.sub(lambda link: _linked(link, folder, source), (ROOT / page).read_text(encoding="utf-8"))
+    text = INTERVAL.sub("[\\1,\N{NO-BREAK SPACE}\\2]", text)
     (source / page).parent.mkdir(parents=True, exist_ok=True)
     (source / page).write_text(text, encoding="utf-8")
 
@@ -200,7 +207,7 @@ def _commands() -> Iterator[str]:
 def _help_of(command: Any, names: tuple[str, ...]) -> Iterator[str]:
     subcommands = getattr(command, "commands", {})
     if not subcommands:
-        context = command.context_class(command, info_name=" ".join(names), terminal_width=100, max_content_width=100)
+        context = command.context_class(command, info_name=" ".join(names), terminal_width=86, max_content_width=86)
         yield f"## {' '.join(names)}\n\n```text\n{command.get_help(context)}\n```\n"
     for name, subcommand in subcommands.items():
         yield from _help_of(subcommand, (*names, name))

@@ -67,7 +67,7 @@ HOME: Final = ("key-doors-solver", "reach-ppo", "maze-solver", "atari-random")
 def page_of(family: Family) -> str:
     """Return the page of a family, for the folder `generated`."""
     films = [film for film in FILMS if film.family == family.name]
-    guide = f"How to use it: [{family.guide}](../docs/{family.guide}.md)."
+    guide = f"Rules, suite and commands: [{family.guide}](../docs/{family.guide}.md)."
     missing = [f"{MISSING[family.name]}\n"] if family.name in MISSING else []
     top = [f"# {family.title}\n", f"{family.about} {guide}\n", gallery(films), *missing]
     return "\n".join([*top, *map(_described, family.classes)])

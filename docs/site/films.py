@@ -179,7 +179,7 @@ FILMS: Final = (
         steps=74,
         stride=3,
         width=280,
-        colours=24,
+        colours=64,
     ),
     Film(
         "maze-random",
@@ -193,7 +193,7 @@ FILMS: Final = (
         steps=74,
         stride=3,
         width=280,
-        colours=24,
+        colours=64,
     ),
     Film(
         "pacman-ppo",
