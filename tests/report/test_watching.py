@@ -62,7 +62,7 @@ def test_a_running_suite_is_watched(address: str) -> None:
         until(page, lambda: page.locator("#live").inner_text() == "Live.")
         until(page, lambda: not steps.count() or steps.first.inner_text() != first)
         until(page, lambda: curve_of(page) not in ("", curve))
-        assert re.search(r"\d+ % of all environment steps", page.locator("#progress-title + p").inner_text())
+        assert re.search(r"\d+\s% of all environment steps", page.locator("#progress-title + p").inner_text())
         assert float(page.locator("progress").get_attribute("value")) > 0
         assert len(picture(page, "watch")) > 10_000
 

@@ -39,6 +39,9 @@
 
   const span = (low, high) => (low == null ? "-" : `[${low}, ${high}]`);
 
+  // A single seed has a point and no interval; its line of no length keeps its row in the order of the others.
+  const whisker = (x, low, high) => ({ x, low: low ?? x, high: high ?? x, interval: span(low, high) });
+
   function lines(items, xs, withRuns) {
     const rows = { means: [], bands: [], runs: [] };
     for (const { agent, mean, low, high, runs, seeds } of items) {
@@ -98,7 +101,7 @@
       const [measure, task] = [choice(chart, "measure"), +choice(chart, "task")];
       const means = section.estimates
         .filter((line) => line.measure === measure && line.task === task && isShown(line.agent))
-        .map((line) => ({ ...line, label: byName(line.agent).label, x: line.value, interval: span(line.low, line.high) }));
+        .map((line) => ({ ...whisker(line.value, line.low, line.high), agent: line.agent, label: byName(line.agent).label }));
       const column = data.seed_columns.indexOf(measure);
       const taskName = section.tasks[task]?.name;
       const runs = data.seeds
@@ -112,7 +115,7 @@
       const reference = data.agents[choice(chart, "reference")].name;
       const means = section.improvements
         .filter((line) => line[1] === reference && isShown(line[0]))
-        .map(([agent, , x, low, high]) => ({ agent, label: byName(agent).label, x, low, high, interval: span(low, high) }));
+        .map(([agent, , x, low, high]) => ({ ...whisker(x, low, high), agent, label: byName(agent).label }));
       means.sort((a, b) => b.x - a.x);
       return { rows: { means }, name: `Probability of improvement over ${byName(reference).label}` };
     },
