@@ -213,6 +213,27 @@ def test_the_hint_of_an_extra_names_the_pinned_versions(extra: str, tmp_path: Pa
     assert advice(extra).endswith(f"'sprl-bench[{extra}]'")
 
 
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("its_agent.py:Mine", "code is named 'its_agent.py:Mine'; it must be a module, not a file: its_agent:Mine."),
+        ("its_agentt:Mine", "No module named 'its_agentt', neither here nor installed"),
+        ("its_agent:Nine", "it must name a factory in its_agent, and there is no such thing in it."),
+        ("its_agent:number", "it must name a factory in its_agent, and it is not callable."),
+        ("its_broken:Mine", "its_broken.py:1: invalid syntax: def def"),
+    ],
+)
+def test_a_slip_in_the_name_of_an_agent_is_told(
+    name: str, said: str, capsys: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "its_agent.py").write_text("number = 3\n")
+    (tmp_path / "its_broken.py").write_text("def def\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert said in refused(capsys, "run", "--suite", "smoke", "--agents", name, "--seeds", "1")[1]
+    assert not (tmp_path / "runs").exists()
+
+
 @pytest.mark.parametrize("name", ["../../x:f", "..x:f", ":f", "x:", "a b:f", "x:f()", "os:system:x"])
 def test_code_that_is_no_name_is_refused(name: str, capsys: Capture, tmp_path: Path) -> None:
     start = ["run", "--suite", "smoke", "--seeds", "1", "--out", tmp_path / "runs", "--agents"]
