@@ -6,6 +6,7 @@ Every number follows from the entries and the pending runs of `fetch-sparse` and
 from __future__ import annotations
 
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -135,12 +136,14 @@ def inside() -> Iterator[str]:
     if "trusted_at" not in table:
         return
     yield "## Inside the agents with a reachability network\n"
-    yield (
+    yield textwrap.fill(
         "Means over the seeds whose diagnostics were kept. *Trusted at*: the env steps from which the network is "
         "used, and its accuracy there. *Charged*: the share of steps that SPRL calls a violation, in the whole run and "
         "in its last tenth. *Bonus* and *goal*: the bonus of a mean step, and the reward of the goal after "
-        "normalisation, in the last tenth.\n"
+        "normalisation, in the last tenth.",
+        width=120,
     )
+    yield ""
     yield "| task | agent | seeds | trusted at | accuracy there | at the end | charged | at the end | bonus | goal |"
     yield "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
     known = table[table.trusted_at.notna() & (table.seed < SEEDS)]

@@ -30,7 +30,7 @@ def main() -> None:
     ]
     known = [pd.read_csv(TABLE)] if TABLE.exists() else []
     table = pd.concat([*known, pd.DataFrame(found)]).drop_duplicates(KEYS, keep="last").sort_values(KEYS)
-    table.to_csv(TABLE, index=False, float_format="%.5g")
+    table.to_csv(TABLE, index=False, float_format="%.6g")
 
 
 def row_of(record: RunRecord, metrics: pd.DataFrame) -> dict[str, object]:
