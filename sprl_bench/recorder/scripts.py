@@ -153,7 +153,8 @@ def recording(
     turn. Make those for evaluation before the block, or inside `with recording.paused():`. After a record is complete,
     further environments of its task are not recorded, with a warning. When the block ends, unfinished runs are written
     as incomplete. Environments of other processes are not recorded, nor those of a `make` imported by name; vector
-    environments of other libraries that start processes, such as `SubprocVecEnv`, are refused.
+    environments of other libraries that start processes raise an error, such as `SubprocVecEnv` of Stable-Baselines3
+    and `SubprocVectorEnv` of Tianshou.
 
     The arguments are those of `record`.
 

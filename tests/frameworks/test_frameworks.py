@@ -58,7 +58,7 @@ REFUSED: Final = {
     "ParallelEnv": (
         "torchrl",
         "from functools import partial; from torchrl.envs import GymEnv, ParallelEnv",
-        "ParallelEnv(2, partial(GymEnv, ID))",
+        "ParallelEnv(2, partial(GymEnv, ID)).reset()",  # it starts its processes here
         PROCESSES,
     ),
     "GymWrapper-set_seed": (
