@@ -53,6 +53,13 @@ REFUSED: Final = {
         "config.OnPolicyTrainingConfig(max_epochs=1, num_training_envs=2)).build().run()",
         "not stepped in turn",
     ),
+    "collector-of-episodes": (
+        "tianshou",
+        "from tianshou.algorithm.algorithm_base import RandomActionPolicy as Policy; from tianshou import data, env",
+        "envs = env.DummyVectorEnv([lambda: gymnasium.make(ID)] * 3); envs.seed(0); "
+        "data.Collector(Policy(envs.action_space[0]), envs).collect(n_episode=4, reset_before_collect=True)",
+        "not stepped in turn",
+    ),
     "GymEnv-num_envs": ("torchrl", "from torchrl.envs import GymEnv", "GymEnv(ID, num_envs=2)", PROCESSES),
     "GymEnv-num_workers": ("torchrl", "from torchrl.envs import GymEnv", "GymEnv(ID, num_workers=2)", PROCESSES),
     "ParallelEnv": (
