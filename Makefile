@@ -41,6 +41,7 @@ test-upstream: ## The Fetch environments beside untouched Gymnasium-Robotics, on
 		'mujoco==3.11.*' pytest hypothesis
 	$(VENV)-upstream/bin/python -m pytest tests/envs/fetch/test_upstream.py
 
+# Each framework is installed by the line of its page, into a virtual environment of its own.
 FRAMEWORKS := minari rllib skrl tianshou torchrl
 GYMNASIUMS := 1.2.3 1.3.0
 
