@@ -46,20 +46,23 @@ KNOWN := random ppo icm eco gt-grid sprl gt-sprl rnd count
 known-answers: setup ## Each agent learns as its published band says; two minutes an agent.
 	for agent in $(KNOWN); do OMP_NUM_THREADS=1 $(BIN)/sprl-bench check-agent $$agent || exit 1; done
 
-FRAMEWORKS := 'torchrl' 'tianshou' 'skrl' 'minari[create,hdf5]' 'ray[rllib]'
+# Each framework is installed by the line of its page, into a virtual environment of its own.
+FRAMEWORKS := minari rllib skrl tianshou torchrl
+GYMNASIUMS := 1.2.3 1.3.0
 
-frameworks: setup ## The scripts of docs/frameworks, and the environments under Gymnasium 1.2 and 1.3.
+frameworks: setup ## The scripts of docs/frameworks, installed as their pages say, and older versions of Gymnasium.
 	SPRL_FRAMEWORK=here OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/frameworks
-	for package in $(FRAMEWORKS); do \
-		name=$$(echo $$package | sed 's/ray.*/rllib/; s/\[.*//') && folder=$(VENV)-frameworks/$$name && \
-		$(PYTHON) -m venv $$folder && grep -hv -e '^gymnasium==' -e '^-c' constraints.txt > $$folder/pins.txt && \
-		PIP_CONSTRAINT=$$folder/pins.txt $$folder/bin/python -m pip install -q -e '.[baselines,fetch]' pytest $$package && \
-		SPRL_FRAMEWORK=$$name OMP_NUM_THREADS=1 $$folder/bin/python -m pytest tests/frameworks || exit 1; \
+	for name in $(FRAMEWORKS); do \
+		folder=$(VENV)-frameworks/$$name && $(PYTHON) -m venv $$folder && (. $$folder/bin/activate && \
+		export PIP_QUIET=1 PIP_DISABLE_PIP_VERSION_CHECK=1 OMP_NUM_THREADS=1 SPRL_FRAMEWORK=$$name && \
+		pip install -c constraints-ci.txt pytest hypothesis && \
+		eval "$$(sed -n 's/^Install it: `\(pip install .*\)`\.$$/\1/p' docs/frameworks/$$name.md)" && \
+		python -m pytest tests/frameworks) || exit 1; \
 	done
-	for version in 1.2.3 1.3.0; do \
+	for version in $(GYMNASIUMS); do \
 		$(BIN)/python -m pip install -q --no-deps --target $(VENV)-frameworks/gymnasium-$$version gymnasium==$$version && \
 		PYTHONPATH=$(VENV)-frameworks/gymnasium-$$version OMP_NUM_THREADS=1 SDL_VIDEODRIVER=dummy \
-			$(BIN)/python -m pytest -m 'not slow' tests/envs tests/recorder || exit 1; \
+			$(BIN)/python -m pytest -n $(WORKERS) -m 'not slow' tests/envs tests/recorder || exit 1; \
 	done
 
 lint: setup

@@ -324,6 +324,21 @@ def test_an_environment_that_was_reset_before_is_not_replayed_as_if_it_were_new(
         verify(only_folder(tmp_path))
 
 
+def test_a_generator_from_outside_is_not_taken_for_a_seed_that_was_drawn(tmp_path: Path) -> None:
+    """Tianshou's factories set one on each environment; it has no seed that could be noted."""
+    env: Any = gymnasium.make(GRID)
+    env = sprl_bench.record(env, out=tmp_path, agent="mine", seed=0, budget=500, keep_actions=True)
+    env.np_random = np.random.default_rng(5)
+    env.reset()
+    env.action_space.seed(0)
+    while not env.episode_log.complete:
+        if any(env.step(env.action_space.sample())[2:4]):
+            env.reset()
+    env.close()
+    with pytest.raises(NotReplayableError, match="The first reset on the tape has no seed"):
+        verify(only_folder(tmp_path))
+
+
 def test_a_tape_cannot_ask_for_environments_without_limit(kept: Path) -> None:
     with (kept / ACTIONS).open("w+b") as file:
         tape = Tape(file, Head(num_envs=0, autoreset="", discrete=7))

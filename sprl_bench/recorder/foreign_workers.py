@@ -29,8 +29,8 @@ def refusing_workers(paused: Callable[[], bool]) -> Iterator[None]:
         if module.startswith(WORKERS) and not paused():
             raise RuntimeError(
                 f"{module} starts processes for environments, and recording() cannot record there. Make the "
-                "environments in this process; in Stable-Baselines3, use DummyVecEnv. Make those for evaluation under "
-                "`with recording.paused():`."
+                "environments in this process; in Stable-Baselines3, use DummyVecEnv, in Tianshou DummyVectorEnv, in "
+                "TorchRL SerialEnv. Make those for evaluation under `with recording.paused():`."
             )
         start(process)
 

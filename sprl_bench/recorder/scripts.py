@@ -13,13 +13,18 @@ import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import gymnasium
 
 from sprl_bench.recorder.foreign_workers import refusing_workers
 from sprl_bench.recorder.identity import NAMESPACE
 from sprl_bench.recorder.script_run import NONE, AnyEnv, ScriptRun, run_of, spec_of
+
+HERE_ONLY: Final = (
+    "recording() does not reach into other processes: make the environments in this one, or use gymnasium.make_vec, or "
+    "call record() around a vector environment that has its own processes."
+)
 
 
 def record(
@@ -105,10 +110,7 @@ class Recording:
         if self._paused or made is None or not made.id.startswith(NAMESPACE):
             return env
         if os.getpid() != self._process:
-            raise RuntimeError(
-                "recording() does not reach into other processes: make the environments in this one, or use "
-                "gymnasium.make_vec, or call record() around a vector environment that has its own processes."
-            )
+            raise RuntimeError(HERE_ONLY)
         spec = spec_of(env, **self._arguments)
         folder = spec.path(self._out)
         if folder in self._runs and self._runs[folder].complete:
@@ -119,6 +121,10 @@ class Recording:
         self._runs[run.folder] = run
         recorded: AnyEnv = run.take_in(env)
         return recorded
+
+    def __getstate__(self) -> Any:
+        """Refuse to be sent to another process, with a `make` that records."""
+        raise RuntimeError(HERE_ONLY)
 
     def finish(self) -> None:
         """Write the incomplete records."""
@@ -147,7 +153,8 @@ def recording(
     turn. Make those for evaluation before the block, or inside `with recording.paused():`. After a record is complete,
     further environments of its task are not recorded, with a warning. When the block ends, unfinished runs are written
     as incomplete. Environments of other processes are not recorded, nor those of a `make` imported by name; vector
-    environments of other libraries that start processes, such as `SubprocVecEnv`, are refused.
+    environments of other libraries that start processes raise an error, such as `SubprocVecEnv` of Stable-Baselines3
+    and `SubprocVectorEnv` of Tianshou.
 
     The arguments are those of `record`.
 

@@ -102,7 +102,6 @@ class VectorRecorder(Wrapped):
         self.tape = tape
         self._seeded = seeded
         self._unreset = np.full(env.num_envs, not seeded)  # [N]
-        self._new = _is_new(env.unwrapped)
         self._begun = seeded
         self.episode_log = EpisodeLog(env.num_envs, budget, AutoresetMode(env.metadata["autoreset_mode"]))
         self._listener = listener
@@ -136,9 +135,9 @@ class VectorRecorder(Wrapped):
             _refuse_seed(seed)
         mask = (options or {}).get("reset_mask")  # read first: Gymnasium takes it out of the options
         envs = slice(None) if mask is None else np.array(mask, np.bool_)
+        fresh = seed is None and self._unreset.all() and self.tape is not NO_TAPE and _is_new(self.env.unwrapped)
         observations, infos = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            fresh = seed is None and self._unreset.all() and self._new and self.tape is not NO_TAPE
             self.tape.reset(self.env.np_random_seed if fresh else seed, None if mask is None else envs)
         self._unreset[envs] = False
         self._begun = not self._unreset.any()
@@ -204,7 +203,6 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.tape = tape
         self._listener = listener
         self._is_reset = self._has_stepped = False
-        self._new = _is_new(env.unwrapped)
 
     @property
     def _recorded(self) -> bool:
@@ -220,9 +218,9 @@ class EnvRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         if self._has_stepped and self._recorded:
             _refuse_seed(seed)
         self._listener.resetting()
+        fresh = seed is None and not self._is_reset and self.tape is not NO_TAPE and _is_new(self.env.unwrapped)
         observation, info = self.env.reset(seed=seed, options=options)
         if self._recorded:
-            fresh = seed is None and not self._is_reset and self._new and self.tape is not NO_TAPE
             self.tape.reset(self.env.unwrapped.np_random_seed if fresh else seed, env=self._index)
         self._is_reset = True
         self.episode_log.reset(self._here)

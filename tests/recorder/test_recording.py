@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import gc
 import multiprocessing
 import time
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import gymnasium
 import pytest
 
@@ -179,6 +181,17 @@ def test_a_library_that_puts_environments_into_processes_is_refused_at_the_start
         pytest.raises(RuntimeError, match=r"recording\(\) cannot record there. .* DummyVecEnv.*recording.paused\(\)"),
     ):
         make_vec_env(ID, 2, vec_env_cls=SubprocVecEnv, vec_env_kwargs={"start_method": start_method})  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_make_of_the_block_cannot_be_sent_to_another_process(tmp_path: Path) -> None:
+    """TorchRL does so for `GymEnv(..., num_envs=2)`."""
+    with (
+        pytest.warns(UserWarning, match="Nothing was recorded"),
+        sprl_bench.recording(out=tmp_path, agent="mine", seed=0),
+        pytest.raises(RuntimeError, match=r"recording\(\) does not reach into other processes"),
+    ):
+        cloudpickle.dumps(functools.partial(gymnasium.make, ID))
     assert list(tmp_path.iterdir()) == []
 
 
