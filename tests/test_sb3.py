@@ -133,6 +133,18 @@ def test_frames_come_from_the_engine() -> None:
     assert frame.ndim == 3
 
 
+def test_what_a_wrapper_writes_into_an_info_is_not_in_the_next_one() -> None:
+    envs = as_vec_env(gymnasium.make_vec(ROOMS, num_envs=2))
+    envs.reset()
+    kept = []
+    for step in range(3):
+        infos = envs.step(np.array([0, 1]))[3]
+        assert infos == [{}, {}]
+        infos[1]["step"] = step
+        kept.append(infos)
+    assert [infos[1]["step"] for infos in kept] == [0, 1, 2]
+
+
 def test_other_ways_to_reset_are_refused() -> None:
     with pytest.raises(ValueError, match='envs has autoreset_mode="NextStep"; it must be "SameStep"'):
         as_vec_env(gymnasium.make_vec(ROOMS, num_envs=2, autoreset_mode="NextStep"))
