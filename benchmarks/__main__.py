@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, maze, overhead, workers
+from benchmarks import agents, atari, fetch, fetch_learner, grid, learner, maze, overhead, sb3_adapter, workers
 from benchmarks.measure import table
 from sprl_bench.suggestions import unknown
 
@@ -17,6 +17,7 @@ ROOMS = {
     "learner": learner.rows,
     "maze": maze.rows,
     "overhead": overhead.rows,
+    "sb3-adapter": sb3_adapter.rows,
     "workers": workers.rows,
 }
 
