@@ -19,7 +19,7 @@ from sprl_bench.extras import require_extra
 TASK = "SPRL/FourRooms-7x7-v1"
 STEPS = 40_000  # of all sub-environments, in a turn
 OWN_STEPS = 2_000  # the same for DummyVecEnv, which is slow
-BAR, GAIN_BAR = 0.5, 5.0
+BAR, GAIN_BAR = 0.4, 5.0
 REPEATS = 9
 
 

@@ -219,7 +219,7 @@ def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
 
 
 def _check_seed(first: Reset) -> None:
-    """Refuse a first reset without a seed: nobody knows which episodes followed.
+    """Refuse a first reset without a seed: its episodes cannot be repeated.
 
     Raises:
         UnfitForTapeError: It has none.

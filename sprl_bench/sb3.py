@@ -61,7 +61,6 @@ class GymnasiumVecEnv(VecEnv):
         self._every_info = infos == "all"
         self._reused = not getattr(envs.unwrapped, "copy", True)  # SyncVectorEnv writes each step into one array
         self._rows = np.arange(envs.num_envs)
-        self._nothing: list[dict[str, Any]] = [{} for _ in range(envs.num_envs)]  # empty infos, given again and again
         self._actions: Any = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
 
@@ -110,9 +109,7 @@ class GymnasiumVecEnv(VecEnv):
     def _running(self, infos: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Return the infos of a step, as if it ended no episode."""
         if not self._every_info:
-            if any(self._nothing):  # a wrapper wrote into some, which are its own now
-                self._nothing = [{} if info else info for info in self._nothing]
-            return self._nothing.copy()
+            return [{} for _ in range(self.num_envs)]
         return [{**info, "TimeLimit.truncated": False} for info in _infos_of(infos, self._rows)]
 
     def close(self) -> None:

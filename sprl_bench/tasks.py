@@ -47,13 +47,13 @@ class Suite:
         name: Its name.
         version: Raised when a number may move.
         tasks: Its tasks.
-        ranks: Whether its budgets suffice to rank agents; those of a suite for trying things out do not.
+        can_rank: Whether its budgets suffice to rank agents; those of a suite for trying things out do not.
     """
 
     name: str
     version: int
     tasks: tuple[Task, ...]
-    ranks: bool = True
+    can_rank: bool = True
 
     def task(self, name: str) -> Task:
         """Return the task of that name.
@@ -197,14 +197,14 @@ _ROWS = (
         ),
     ),
     Suite("maze", 1, _MAZES),
-    Suite("maze-smoke", 1, tuple(replace(task, budget=20_000, max_num_envs=None) for task in _MAZES), ranks=False),
-    Suite("smoke", 2, (_SMOKE,), ranks=False),
+    Suite("maze-smoke", 1, tuple(replace(task, budget=20_000, max_num_envs=None) for task in _MAZES), can_rank=False),
+    Suite("smoke", 2, (_SMOKE,), can_rank=False),
     Suite("atari", 1, tuple(_atari(game, _ATARI_BUDGET) for game in _ATARI_RECORDS)),
     Suite(
         "atari-smoke",
         1,
         tuple(replace(_atari(game, 20_000), max_num_envs=None) for game in _ATARI_RECORDS),
-        ranks=False,
+        can_rank=False,
     ),
 )
 # The order matters: a run that names no suite belongs to the first one that holds its task.

@@ -91,7 +91,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         return FAILED
     except SyntaxError as error:  # of a module that the user named
-        return _complain(f"{error.filename}:{error.lineno}: {error.msg}: {(error.text or '').strip()}", FAILED)
+        where = f"{error.filename}:{error.lineno}: " if error.filename else ""
+        return _complain(f"{where}{error.msg}: {(error.text or 'not Python').strip()}", FAILED)
     except (OSError, ValueError, ImportError) as error:
         # A plain ValueError is a wrong argument; its subclasses are about files and runs.
         return _complain(_sentence(error), MISUSED if type(error) is ValueError else FAILED)

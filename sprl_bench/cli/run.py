@@ -114,8 +114,8 @@ def _report(specs: Sequence[RunSpec], known: Sequence[RunRecord], outcomes: Sequ
         typer.echo(f"         {program} table {runs} --format md")
         typer.echo(f"         {program} plot {runs} -o curves.png")
     if failed:
-        told = any((one.spec.path(out) / ERROR).exists() for one in failed)
-        why = f"{ERROR} in their folders says why, and the" if told else "the"
+        has_error_file = any((one.spec.path(out) / ERROR).exists() for one in failed)
+        why = f"{ERROR} in their folders says why, and the" if has_error_file else "the"
         print(
             f"sprl-bench: {len(failed)} of {len(outcomes)} runs failed; {why} same command tries them again.",
             file=sys.stderr,

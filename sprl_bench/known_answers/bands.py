@@ -29,7 +29,7 @@ CHANCE: Final = "random"  # does not learn
 FIFTHS: Final = 5
 FIGURES: Final = FIFTHS + 2
 ERROR: Final = 0.01
-NARROWEST: Final = 0.02  # half the width, where published runs hardly differ; returns are between 0 and 1
+NARROWEST: Final = 0.02  # half the width, where published runs hardly differ
 FILE: Final = Path(__file__).with_name("bands.json")
 
 

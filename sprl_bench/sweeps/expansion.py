@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -106,7 +107,10 @@ def settings_of(
     if samples is not None and samples < len(combinations):
         chosen = np.random.default_rng(sampling_seed).choice(len(combinations), samples, replace=False)
         combinations = [combinations[number] for number in sorted(chosen.tolist())]
-    return [_setting(name, domain, values) for values in combinations]
+    settings = [_setting(name, domain, values) for values in combinations]
+    if twice := [one for one, count in Counter(setting.name for setting in settings).items() if count > 1]:
+        raise ValueError(f"The tables of {agent} give {twice[0]} twice; they must give each setting once.")
+    return settings
 
 
 def _setting(name: AgentName, domain: str, values: Mapping[str, Any]) -> Setting:

@@ -238,7 +238,7 @@ def _abandoned_notes(results: Sequence[Result]) -> list[str]:
 def _endless_notes(results: Sequence[Result]) -> list[str]:
     """Note the agents with a run in which no episode ended."""
     return [
-        f"{agent}: no episode on {task} ended within a run's budget, so its score of 0 says nothing."
+        f"{agent}: no episode on {task} ended within a run's budget, so its score is 0 by default and no measurement."
         for task, of_task in _grouped(results, lambda result: result.task.name)
         for agent, runs in _grouped(of_task, lambda result: result.agent)
         if any(run.episodes == 0 for run in runs)
@@ -253,7 +253,7 @@ def _suite_notes(results: Sequence[Result]) -> list[str]:
     if suite.version != results[0].suite_version:
         return [f"Version {results[0].suite_version} of the suite; the one installed is {suite.version}."]
     official = {task.name: TaskSpec.of(task) for task in suite.tasks}
-    trial = [] if suite.ranks else ["This suite is for trying things out; its budgets are too small to rank agents."]
+    trial = [] if suite.can_rank else ["This suite is for trying things out; its budgets are too small to rank agents."]
     return [
         f"{name}: a budget of {runs[0].task.budget:,} environment steps instead of the suite's "
         f"{official[name].budget:,}; not comparable with published scores."

@@ -56,8 +56,8 @@ def _drop(hole: Hole, status: str) -> Drop:
     return Drop(agent=hole.agent, task=hole.task, seed=hole.seed, reason=known.get(status, "missing"))
 
 
-def begun(drops: Sequence[Drop]) -> str:
-    """Return how many have begun and not finished, such as " (1 running, 2 interrupted)"; empty for none."""
+def unfinished_text(drops: Sequence[Drop]) -> str:
+    """Return how many have begun and are not finished, such as " (1 running, 2 interrupted)"; empty for none."""
     counts = Counter(one.reason for one in drops)
     parts = [f"{counts[reason]} {reason}" for reason in ("running", "interrupted", "failed") if counts[reason]]
     return f" ({', '.join(parts)})" if parts else ""

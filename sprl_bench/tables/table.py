@@ -20,7 +20,7 @@ from sprl_bench.extras import require_extra
 from sprl_bench.records import Data, RunRecord, RunSpec, Scores
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.comparable import check_comparable, split_comparable
-from sprl_bench.tables.drops import Drop, begun, drops_of
+from sprl_bench.tables.drops import Drop, drops_of, unfinished_text
 from sprl_bench.tables.seed_results import (
     Hole,
     MissingRunsError,
@@ -263,7 +263,7 @@ def tabulate_results(
     unusable = [Hole(one.agent, one.task.name, one.seed) for one in incomparable]
     drops = drops_of(results[0].suite, holes, unusable, statuses)
     if holes and not allow_missing:
-        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}{begun(drops)}. {REMEDY}")
+        raise MissingRunsError(f"Suite {results[0].suite!r}: {describe_holes(holes)}{unfinished_text(drops)}. {REMEDY}")
     by_agent: dict[str, list[Result]] = {hole.agent: [] for hole in holes}
     for result in shown:
         by_agent.setdefault(result.agent, []).append(result)

@@ -115,6 +115,16 @@ def test_each_reference_agent_is_in_its_bands(agent: str) -> None:
     assert {one.task: one.sentence for one in verdicts} == dict.fromkeys((one.task for one in verdicts), "in the band")
 
 
+def test_an_agent_that_does_not_learn_is_out_of_every_band_of_a_probe() -> None:
+    chance = published_figures(OBSERVATION, "random")
+    assert chance is not None
+    for agent in set(published()["figures"][OBSERVATION]) - {"random"}:
+        runs = published_figures(OBSERVATION, agent)
+        assert runs is not None
+        band = band_of(runs, len(SEEDS), usual_deviation(OBSERVATION))
+        assert band.outside(chance.mean(axis=0)), agent
+
+
 def test_random_is_in_its_own_band_and_out_of_ppos() -> None:
     verdicts = {like: list(check_agent("random", like=like, tasks=[OBSERVATION])) for like in ("random", "ppo")}
     assert verdicts["random"][0].passed

@@ -265,6 +265,7 @@ class Interrupted:
             "one table of rnd holds k; all must hold the same, bonus_weight",
         ),
         (["--agents", "count", "--range", "other.toml"], "count is []; it must be a table"),
+        (["--agents", "gt-sprl", "--range", "other.toml"], "The tables of gt-sprl give gt-sprl+k=4 twice"),
         (["--agents", "ppo", "--range", "nowhere.toml"], "nowhere.toml: No such file"),
         (["--agents", "ppo", "--suite", "smok"], "Unknown suite 'smok'; did you mean 'smoke'"),
         (["--agents", "ppo", "--task", "KeyDoors"], "Unknown task of suite 'smoke': 'KeyDoors'"),
@@ -277,7 +278,7 @@ def test_what_is_refused_before_anything_is_written(
     Path("broken.toml").write_text("[ppo\n")
     Path("other.toml").write_text(
         "gt-grid = 3\ncount = []\n[sprl]\nk = 3\n[icm]\nk = [1, 1]\n[eco]\nkk = [1]\n"
-        "[[rnd]]\nbonus_weight = [1]\n[[rnd]]\nk = [1]\n"
+        "[[rnd]]\nbonus_weight = [1]\n[[rnd]]\nk = [1]\n[[gt-sprl]]\nk = [4]\n[[gt-sprl]]\nk = [3, 4]\n"
     )
     status, _, err = call(capsys, *SWEEP, *changes)
     assert status != 0

@@ -411,7 +411,9 @@ def test_many_abandoned_episodes_are_said_aloud(make_record: MakeRecord) -> None
 def test_runs_in_which_no_episode_ended_are_said_to_say_nothing(make_record: MakeRecord) -> None:
     record = make_record("ppo", level=0.0)
     empty = record.model_copy(update={"totals": record.totals.model_copy(update={"episodes": 0})})
-    note = "ppo: no episode on FourRooms-7x7 ended within a run's budget, so its score of 0 says nothing."
+    note = (
+        "ppo: no episode on FourRooms-7x7 ended within a run's budget, so its score is 0 by default and no measurement."
+    )
     assert tabulate([make_record("icm"), empty])[0].notes == (note, TRIAL)
     assert told(tabulate([make_record("icm"), record])[0]) == ()
 
