@@ -25,10 +25,8 @@ ROOT: Final = Path(__file__).parents[1]
 SUITE: Final = "fetch-sparse"
 REACH: Final = "FetchReach-substep2"
 AGENTS: Final = ("ppo", "icm", "eco", "rnd", "sprl", "sprl@scaled", "eco@scaled", "gt-grid", "random")
-HIGH_COST, LOW_COST = (
-    "sprl+cost_scale=0.5",
-    "sprl+cost_scale=0.005",
-)  # ten times and a tenth of Table 5's, on Reach alone
+HIGH_COST: Final = "sprl+cost_scale=0.5"  # ten times Table 5's, on Reach alone
+LOW_COST: Final = "sprl+cost_scale=0.005"  # a tenth of it
 SEEDS: Final = 5
 REWARD_LIMIT: Final = 10.0  # of a training reward on Fetch
 
@@ -49,14 +47,15 @@ HEAD: Final = """# Fetch: what the numbers say
 The suite `fetch-sparse` has four tasks with a reward of 1 at the goal, which ends the episode, and 0 elsewhere. An
 action lasts a tenth (Reach) to a half of what it lasts in Gymnasium-Robotics, so chance finds the goal rarely. Budgets
 are 1,000,000 env steps on Reach and 600,000 on the others. All agents share one frame ([how it was
-chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where it has them; `rnd` and `gt-grid` are ours
-there, and `@scaled` fits the network's schedule to the budget. A pilot came first ([pilot](../notes/fetch-pilot.md)).
+chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where it has them. It has none for `rnd` and
+`gt-grid`: theirs are ours. `@scaled` fits the network's schedule to the budget. A pilot came first
+([pilot](../notes/fetch-pilot.md)).
 
 `python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs. † marks a privileged agent.
 """
 OPEN: Final = """
-The score of `sprl` above is that of Table 5's values in our frame. Whether the method or these values are to blame is
-open until its schedule scaled to the budget (`sprl@scaled`) and a tenth and ten times the cost are finished."""
+The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method or
+to these values: for that, the runs of `sprl@scaled`, and those with a tenth and ten times the cost, must be finished."""
 READING: Final = """
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
 seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
