@@ -26,7 +26,7 @@ SUITE: Final = "fetch-sparse"
 REACH: Final = "FetchReach-substep2"
 AGENTS: Final = ("ppo", "icm", "eco", "rnd", "sprl", "sprl@scaled", "eco@scaled", "gt-grid", "random")
 HIGH_COST: Final = "sprl+cost_scale=0.5"  # ten times Table 5's, on Reach alone
-LOW_COST: Final = "sprl+cost_scale=0.005"  # a tenth of it
+LOW_COST: Final = "sprl+cost_scale=0.005"  # a tenth of Table 5's
 SEEDS: Final = 5
 REWARD_LIMIT: Final = 10.0  # of a training reward on Fetch
 
@@ -54,8 +54,8 @@ chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where i
 `python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs. † marks a privileged agent.
 """
 OPEN: Final = """
-The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method or
-to these values: for that, the runs of `sprl@scaled`, and those with a tenth and ten times the cost, must be finished."""
+The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method
+or to these values: for that, the runs of `sprl@scaled` and those with a tenth and ten times the cost must be finished."""
 READING: Final = """
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
 seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
