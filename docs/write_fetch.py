@@ -55,7 +55,8 @@ chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where i
 """
 OPEN: Final = """
 The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method
-or to these values: for that, the runs of `sprl@scaled` and those with a tenth and ten times the cost must be finished."""
+or to these values. For that, the runs of `sprl@scaled` and those with a tenth and ten times the cost must be
+finished."""
 READING: Final = """
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
 seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
