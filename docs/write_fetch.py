@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from sprl_bench import leaderboard
-from sprl_bench.records import Scores
+from sprl_bench.records import Hardware, Scores
 from sprl_bench.scores import Array, bootstrap_interval, mean
 from sprl_bench.studies.verdicts import difference
 from sprl_bench.tasks import find_suite
@@ -39,7 +39,8 @@ class Run:
     task: str
     seed: int
     scores: Scores
-    wall_time_s: float
+    wall_time_s: float | None
+    machines: str
 
 
 HEAD: Final = """# Fetch: what the numbers say
@@ -57,7 +58,7 @@ OPEN: Final = """
 The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method
 or to these values. For that, the runs of `sprl@scaled` and those with a tenth and ten times the cost must be
 finished."""
-READING: Final = """
+READING: Final = """\
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
 seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
 `ppo`* is the difference in AUC, bold if its 95 % interval excludes 0. With five seeds, an interval that barely does so
@@ -68,26 +69,38 @@ is only a hint ([why](scores.md#confidence-intervals)).
 def page() -> str:
     """Return the whole page."""
     runs = finished()
-    parts = [HEAD, "## FetchReach\n", *reach(runs), READING, *inside(), *missing(runs), *cost(runs)]
-    return "\n".join(parts)
+    tables = [line for task in find_suite(SUITE).tasks for line in scores_on(task.name, runs)]
+    return "\n".join([HEAD, *tables, READING, *inside(), *missing(runs), *cost(runs)])
 
 
 def finished() -> list[Run]:
     """Return the finished runs of the suite with seeds 0 to 4: those of entries, and those that wait for theirs."""
     folder = ROOT / "leaderboards"
     of_entries = [
-        Run(entry.agent, one.task.name, run.seed, run.scores, run.wall_time_s or 0.0)
+        Run(entry.agent, one.task.name, run.seed, run.scores, run.wall_time_s, machines(entry.hardware))
         for entry in (leaderboard.find_entries(folder / SUITE) if (folder / SUITE).exists() else [])
         for one in entry.tasks
         for run in one.results
     ]
     waiting = [
-        Run(run.spec.agent, run.spec.task.name, run.spec.seed, run.scores, run.wall_time_s)
+        Run(
+            run.spec.agent,
+            run.spec.task.name,
+            run.spec.seed,
+            run.scores,
+            run.wall_time_s,
+            machines([run.hardware]),
+        )
         for pending in leaderboard.find_pending(folder)
         if pending.suite == SUITE
         for run in pending.runs
     ]
     return [run for run in of_entries + waiting if run.seed < SEEDS]
+
+
+def machines(hardware: Iterable[Hardware]) -> str:
+    """Return what the runs were made on, as text."""
+    return " or ".join(sorted({f"{one.cpu} with {one.cores} cores" for one in hardware}))
 
 
 def chosen(runs: Sequence[Run], agent: str, task: str) -> list[Run]:
@@ -105,10 +118,13 @@ def named(agent: str) -> str:
     return f"`{agent}`" + (" †" if agent.startswith("gt-") else "")
 
 
-def reach(runs: Sequence[Run]) -> Iterator[str]:
-    """Yield the table of Reach: agents with all seeds, the best first."""
-    own = {agent: chosen(runs, agent, REACH) for agent in (*AGENTS, HIGH_COST, LOW_COST)}
+def scores_on(task: str, runs: Sequence[Run]) -> Iterator[str]:
+    """Yield the table of a task: agents with all seeds, the best first. Yield nothing before there are any."""
+    own = {agent: chosen(runs, agent, task) for agent in (*AGENTS, HIGH_COST, LOW_COST)}
     whole = {agent: found for agent, found in own.items() if len(found) == SEEDS}
+    if not whole:
+        return
+    yield f"## {task}\n"
     yield "| agent | AUC | final | to .5 | minus `ppo` |"
     yield "|---|---:|---:|---:|---:|"
     for agent in sorted(whole, key=lambda agent: -aucs(whole[agent]).mean()):
@@ -118,8 +134,9 @@ def reach(runs: Sequence[Run]) -> Iterator[str]:
         last = np.mean([run.scores.final for run in whole[agent]])
         yield (
             f"| {named(agent)} | {scores.mean():.3f} [{ends.low:.3f}, {ends.high:.3f}] | {last:.3f} | "
-            f"{solved(whole[agent])} | {against(scores, whole['ppo']) if agent != 'ppo' else ''} |"
+            f"{solved(whole[agent])} | {against(scores, whole['ppo']) if agent != 'ppo' and 'ppo' in whole else ''} |"
         )
+    yield ""
 
 
 def solved(runs: Sequence[Run]) -> str:
@@ -202,12 +219,20 @@ def missing(runs: Sequence[Run]) -> Iterator[str]:
 
 def cost(runs: Sequence[Run]) -> Iterator[str]:
     """Yield what the runs took."""
-    hours = sum(run.wall_time_s for run in runs) / 3600
     yield "## Cost\n"
-    yield (
-        f"The {len(runs)} finished runs took {hours:.1f} hours of wall time, each on one core of a 2-core AMD EPYC, "
-        "beside other work.\n"
-    )
+    yield "A run takes one core. Other work shared the machines.\n"
+    yield "| machine | finished runs | hours |"
+    yield "|---|---:|---:|"
+    for machine in sorted({run.machines for run in runs}):
+        times = [run.wall_time_s for run in runs if run.machines == machine]
+        yield f"| {machine} | {len(times)} | {hours(times)} |"
+    yield ""
+
+
+def hours(times: Sequence[float | None]) -> str:
+    """Return the sum of times in seconds as hours; a time that no record has makes it a lower bound."""
+    known = [time for time in times if time is not None]
+    return ("over " if len(known) < len(times) else "") + f"{sum(known) / 3600:.1f}"
 
 
 if __name__ == "__main__":

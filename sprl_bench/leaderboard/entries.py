@@ -60,6 +60,9 @@ class TaskEntry(Data):
     fingerprint: Annotated[str, Field(pattern="^[0-9a-f]{16}$")] = Field(
         description="Of the environment: the hash of a fixed trajectory."
     )
+    versions: dict[Line, Line] = Field(
+        default_factory=dict, description="Of this task's runs, where those of all tasks are not the same."
+    )
     results: tuple[SeedResult, ...]
 
     @property
@@ -163,10 +166,21 @@ class Entry(Data):
         for package in NEEDED_VERSIONS:
             if package not in self.versions:
                 raise ValueError(f"versions has no {package}")
-        for package in SCORED_PACKAGES:
-            if "," in self.versions.get(package, ""):
-                raise ValueError(f"versions.{package} is {self.versions[package]!r}; an entry has one version of it")
+        for number, task in enumerate(self.tasks):
+            for package in task.versions:
+                if package not in self.versions:
+                    raise ValueError(f"tasks[{number}].versions has {package}, and the entry's versions have not")
+            for package in SCORED_PACKAGES:
+                text = self._versions_of(task).get(package, "")
+                if "," in text:
+                    raise ValueError(
+                        f"versions.{package} is {text!r} for task {task.task.name}; its seeds have one version of it"
+                    )
         return self
+
+    def _versions_of(self, task: TaskEntry) -> dict[str, str]:
+        """Return the versions of all packages that a task's runs loaded."""
+        return {**self.versions, **task.versions}
 
     @property
     def wall_time_s(self) -> float | None:
@@ -177,4 +191,8 @@ class Entry(Data):
 
     def results(self) -> Sequence[Result]:
         """Return one result a run, as tables take them."""
-        return [gather(Result, self, entry, result) for entry in self.tasks for result in entry.results]
+        return [
+            gather(Result, self, entry, result, versions=self._versions_of(entry))
+            for entry in self.tasks
+            for result in entry.results
+        ]

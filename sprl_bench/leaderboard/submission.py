@@ -1,4 +1,4 @@
-"""From runs to an entry: complete, for the current suite, and made with one set of versions."""
+"""From runs to an entry: complete, for the current suite, and each task made with one set of versions."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
 
 
 def check_uniform(complete: Sequence[RunRecord], results: Sequence[Result]) -> None:
-    """Check that the runs of one agent are made by one version of its code and of each package.
+    """Check that the runs of one agent are made by one version of its code, and those of a task by one of each package.
 
     Raises:
         IncomparableError: They are not.
@@ -128,12 +128,17 @@ def check_uniform(complete: Sequence[RunRecord], results: Sequence[Result]) -> N
     if len(codes) > 1 and complete[0].spec.source:  # a script may change between seeds; boards note it
         agent = results[0].agent
         raise IncomparableError(f"An entry has one version of its agent's code; {agent}'s file changed between runs.")
-    for package, text in version_differences(results).items():
-        raise IncomparableError(f"An entry has one version of {package}; these runs have {text}.")
+    for task in dict.fromkeys(result.task.name for result in results):
+        of_task = [result for result in results if result.task.name == task]
+        for package, text in version_differences(of_task).items():
+            raise IncomparableError(
+                f"The seeds of a task are made with one version of {package}; those of {task} have {text}."
+            )
 
 
 def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, status: Status) -> Entry:
     spec = complete[0].spec
+    versions = _versions(complete)
     return gather(
         Entry,
         spec,
@@ -141,17 +146,17 @@ def _entry(complete: Sequence[RunRecord], authors: tuple[str, ...], link: str, s
         link=link,
         status=status,
         tasks=tuple(
-            _task_entry([record for record in complete if record.spec.task.name == task.name])
+            _task_entry([record for record in complete if record.spec.task.name == task.name], versions)
             for task in find_suite(spec.suite).tasks
         ),
-        versions=_versions(complete),
+        versions=versions,
         git_commits=tuple(sorted({commit for record in complete for commit in record.git_commits})),
         agent_codes=tuple(sorted({code for record in complete for code in record.agent_codes})),
         hardware=tuple(sorted({record.hardware for record in complete}, key=repr)),
     )
 
 
-def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
+def _task_entry(records: Sequence[RunRecord], of_all: dict[str, str]) -> TaskEntry:
     runs = sorted(records, key=lambda record: record.spec.seed)
     spec = runs[0].spec
     if spec.source:  # the harness sets the threads; a script has those of its machine
@@ -159,7 +164,8 @@ def _task_entry(records: Sequence[RunRecord]) -> TaskEntry:
     _refuse_mixed(runs, "source")
     _refuse_mixed(runs, "num_envs")
     results = tuple(gather(SeedResult, run, run.spec, run.totals) for run in runs)
-    return gather(TaskEntry, runs[0], spec, results=results)
+    versions = {name: text for name, text in _versions(runs).items() if text != of_all[name]}
+    return gather(TaskEntry, runs[0], spec, results=results, versions=versions)
 
 
 def _refuse_mixed(records: Sequence[RunRecord], name: str) -> None:

@@ -105,7 +105,9 @@ def test_runs_of_several_makes_are_never_published(make_record: MakeRecord) -> N
         make_entry(runs(fingerprint="other"))
     with pytest.raises(IncomparableError, match="seeds differ in the hyperparameter learning_rate"):
         make_entry(runs(hyperparameters={}))
-    with pytest.raises(IncomparableError, match=r"one version of numpy; these runs have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"):
+    with pytest.raises(
+        IncomparableError, match=r"one version of numpy; those of FourRooms-7x7 have 1\.0 \(ppo\), 2\.4\.6 \(ppo\)"
+    ):
         make_entry(runs(versions={**VERSIONS, "numpy": "1.0"}))
     for field, value, told in (
         ("torch_threads", 2, "torch_threads differs between seeds"),
@@ -168,6 +170,23 @@ def test_what_a_score_depends_on_has_one_version(make_record: MakeRecord, packag
     runs = [make_record(seed=seed, versions={**VERSIONS, package: f"0.{min(seed, 1)}"}) for seed in range(5)]
     with pytest.raises(IncomparableError, match=f"version of {package}"):
         make_entry(runs)
+
+
+def test_a_task_may_be_trained_on_another_machine(grid_7x7: list[RunRecord]) -> None:
+    other = {**VERSIONS, "numpy": "9.9", "torch": "2.11.0"}
+    mixed = [run if run.spec.task.name == FOUR else run.model_copy(update={"versions": other}) for run in grid_7x7]
+    entry = make_entry(mixed)
+    assert [task.versions.get("numpy") for task in entry.tasks] == ["2.4.6", "9.9"]
+    assert "rich" not in entry.tasks[1].versions
+    assert entry.versions["python"] == VERSIONS["python"]
+    loaded = {(result.task.name, result.versions["numpy"]) for result in entry.results()}
+    assert loaded == {(FOUR, "2.4.6"), (KEY, "9.9")}
+    notes = leaderboard.board([entry]).notes
+    assert "Different versions of numpy: 2.4.6 (ppo), 9.9 (ppo)." in notes
+    of_one_task = [run for run in mixed if run.spec.task.name == KEY]
+    of_one_task[0] = of_one_task[0].model_copy(update={"versions": VERSIONS})
+    with pytest.raises(IncomparableError, match=r"one version of numpy; those of KeyDoors-7x7 have 2\.4\.6"):
+        make_entry([run for run in mixed if run.spec.task.name == FOUR] + of_one_task)
 
 
 def test_what_no_score_depends_on_may_differ_and_is_kept(make_record: MakeRecord) -> None:

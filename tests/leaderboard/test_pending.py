@@ -89,7 +89,9 @@ def test_runs_that_no_entry_could_hold_are_refused(make_record: MakeRecord, tmp_
         leaderboard.add_pending([make_record("ppo", seed=1, hyperparameters={"rate": 2})], tmp_path, agent="ppo")
     newer = make_record("ppo", seed=1)
     newer = newer.model_copy(update={"versions": {**newer.versions, "numpy": "9.9"}})
-    with pytest.raises(IncomparableError, match="An entry has one version of numpy"):
+    with pytest.raises(
+        IncomparableError, match="The seeds of a task are made with one version of numpy; those of FourRooms-7x7"
+    ):
         leaderboard.add_pending([newer], tmp_path, agent="ppo")
     [one] = leaderboard.find_pending(tmp_path)
     assert len(one.runs) == 1
