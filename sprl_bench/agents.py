@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -143,6 +144,12 @@ def _module(name: str) -> Any:
             f"No module named {error.name!r}, neither here nor installed; run the command in the module's folder.",
             name=error.name,
         ) from None
+    except (ImportError, SyntaxError):
+        raise  # says what and where
+    except Exception as error:  # whatever the user's code raises
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        fault = f"{type(error).__name__}: {error}"
+        raise ImportError(f"{name} cannot be imported: {place.filename}:{place.lineno}: {fault}", name=name) from error
 
 
 def _installed(name: str) -> str:

@@ -221,6 +221,7 @@ def test_the_hint_of_an_extra_names_the_pinned_versions(extra: str, tmp_path: Pa
         ("its_agent:Nine", "it must name a factory in its_agent, and there is no such thing in it."),
         ("its_agent:number", "it must name a factory in its_agent, and it is not callable."),
         ("its_broken:Mine", "its_broken.py:1: invalid syntax: def def"),
+        ("its_slip:Mine", "its_slip.py:2: NameError: name 'Basse' is not defined"),
     ],
 )
 def test_a_slip_in_the_name_of_an_agent_is_told(
@@ -228,6 +229,7 @@ def test_a_slip_in_the_name_of_an_agent_is_told(
 ) -> None:
     (tmp_path / "its_agent.py").write_text("number = 3\n")
     (tmp_path / "its_broken.py").write_text("def def\n")
+    (tmp_path / "its_slip.py").write_text("number = 3\nclass Mine(Basse): pass\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     assert said in refused(capsys, "run", "--suite", "smoke", "--agents", name, "--seeds", "1")[1]
