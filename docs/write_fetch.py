@@ -18,7 +18,7 @@ import pandas as pd
 from sprl_bench import leaderboard
 from sprl_bench.records import Hardware, Scores
 from sprl_bench.scores import Array, bootstrap_interval, mean
-from sprl_bench.studies.verdicts import difference
+from sprl_bench.studies.verdicts import Difference, difference
 from sprl_bench.tasks import find_suite
 
 ROOT: Final = Path(__file__).parents[1]
@@ -27,6 +27,12 @@ REACH: Final = "FetchReach-substep2"
 AGENTS: Final = ("ppo", "icm", "eco", "rnd", "sprl", "sprl@scaled", "eco@scaled", "gt-grid", "random")
 HIGH_COST: Final = "sprl+cost_scale=0.5"  # ten times Table 5's, on Reach alone
 LOW_COST: Final = "sprl+cost_scale=0.005"  # a tenth of Table 5's
+OTHER_VALUES: Final = {
+    LOW_COST: "a tenth of the cost",
+    HIGH_COST: "ten times the cost",
+    "sprl@scaled": "the network's schedule",
+    "eco@scaled": "the network's schedule",
+}
 SEEDS: Final = 5
 REWARD_LIMIT: Final = 10.0  # of a training reward on Fetch
 
@@ -70,7 +76,7 @@ def page() -> str:
     """Return the whole page."""
     runs = finished()
     tables = [line for task in find_suite(SUITE).tasks for line in scores_on(task.name, runs)]
-    return "\n".join([HEAD, *tables, READING, *inside(), *missing(runs), *cost(runs)])
+    return "\n".join([HEAD, *tables, READING, *other_values(runs), *inside(), *missing(runs), *cost(runs)])
 
 
 def finished() -> list[Run]:
@@ -148,10 +154,35 @@ def solved(runs: Sequence[Run]) -> str:
 
 def against(scores: Array, others: Sequence[Run]) -> str:
     """Return the difference from other runs, bold if it is significant."""
-    found = difference("", [scores], [aucs(others)])
+    return interval_of(difference("", [scores], [aucs(others)]))
+
+
+def interval_of(found: Difference) -> str:
+    """Return a difference with its interval as text, bold if it is significant."""
     assert found.interval is not None
     text = f"{found.value:+.3f} [{found.interval.low:+.3f}, {found.interval.high:+.3f}]"
     return text if found.outcome == "not decided" else f"**{text}**"
+
+
+def other_values(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield what other values change of SPRL and ECO on Reach; nothing before there are any."""
+    rows = []
+    for agent, change in OTHER_VALUES.items():
+        ours, table = chosen(runs, agent, REACH), chosen(runs, agent.split("@")[0].split("+")[0], REACH)
+        if len(ours) == len(table) == SEEDS:
+            found = difference("", [aucs(ours)], [aucs(table)])
+            seeds = ", ".join(f"{score:.2f}" for score in aucs(ours))
+            rows.append(f"| {named(agent)} | {change} | {seeds} | {interval_of(found)} |")
+    if not rows:
+        return
+    yield "## Is it the method or its values?\n"
+    yield "FetchReach-substep2: the AUC of each seed, and the mean difference from the agent with Table 5's values.\n"
+    yield "| agent | what is changed | seeds 0 to 4 | minus Table 5's |"
+    yield "|---|---|---|---:|"
+    table = chosen(runs, "sprl", REACH)
+    yield f"| {named('sprl')} | nothing | {', '.join(f'{score:.2f}' for score in aucs(table))} |  |"
+    yield from rows
+    yield ""
 
 
 def inside() -> Iterator[str]:
