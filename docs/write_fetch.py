@@ -61,9 +61,8 @@ chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where i
 `python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs. † marks a privileged agent.
 """
 OPEN: Final = """
-The score of `sprl` above is that of Table 5's values in our frame. We do not know yet whether it is due to the method
-or to these values. For that, the runs of `sprl@scaled` and those with a tenth and ten times the cost must be
-finished."""
+Whether the score of `sprl` is due to the method or to Table 5's values, we do not know before all rows of FetchReach
+are there."""
 READING: Final = """\
 *AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
 seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
@@ -75,8 +74,8 @@ is only a hint ([why](scores.md#confidence-intervals)).
 def page() -> str:
     """Return the whole page."""
     runs = finished()
-    tables = [line for task in find_suite(SUITE).tasks for line in scores_on(task.name, runs)]
-    return "\n".join([HEAD, *tables, READING, *other_values(runs), *inside(), *missing(runs), *cost(runs)])
+    parts = [reach(runs), objects(runs), [READING], other_values(runs), inside(), missing(runs), cost(runs)]
+    return "\n".join([HEAD, *(line for part in parts for line in part)])
 
 
 def finished() -> list[Run]:
@@ -124,25 +123,46 @@ def named(agent: str) -> str:
     return f"`{agent}`" + (" †" if agent.startswith("gt-") else "")
 
 
-def scores_on(task: str, runs: Sequence[Run]) -> Iterator[str]:
-    """Yield the table of a task: agents with all seeds, the best first. Yield nothing before there are any."""
-    own = {agent: chosen(runs, agent, task) for agent in (*AGENTS, HIGH_COST, LOW_COST)}
-    whole = {agent: found for agent, found in own.items() if len(found) == SEEDS}
-    if not whole:
-        return
-    yield f"## {task}\n"
+def reach(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield the table of Reach: agents with all seeds, the best first."""
+    whole = complete(runs, (*AGENTS, HIGH_COST, LOW_COST), REACH)
+    yield f"## {REACH}\n"
     yield "| agent | AUC | final | to .5 | minus `ppo` |"
     yield "|---|---:|---:|---:|---:|"
-    for agent in sorted(whole, key=lambda agent: -aucs(whole[agent]).mean()):
-        scores = aucs(whole[agent])
-        ends = bootstrap_interval(scores[:, None], mean, np.random.default_rng(0))
-        assert ends is not None
-        last = np.mean([run.scores.final for run in whole[agent]])
-        yield (
-            f"| {named(agent)} | {scores.mean():.3f} [{ends.low:.3f}, {ends.high:.3f}] | {last:.3f} | "
-            f"{solved(whole[agent])} | {against(scores, whole['ppo']) if agent != 'ppo' and 'ppo' in whole else ''} |"
-        )
+    for agent, own in sorted(whole.items(), key=lambda item: -aucs(item[1]).mean()):
+        last = np.mean([run.scores.final for run in own])
+        minus = interval_of(difference("", [aucs(own)], [aucs(whole["ppo"])])) if agent != "ppo" else ""
+        yield f"| {named(agent)} | {score_of(own)} | {last:.3f} | {solved(own)} | {minus} |"
     yield ""
+
+
+def objects(runs: Sequence[Run]) -> Iterator[str]:
+    """Yield the AUC on the tasks with an object; nothing before there are any."""
+    tasks = [task.name for task in find_suite(SUITE).tasks if task.name != REACH]
+    whole = {task: complete(runs, AGENTS, task) for task in tasks}
+    begun = [task for task in tasks if whole[task]]
+    if not begun:
+        return
+    yield f"## The tasks with an object: AUC\n\n| agent | {' | '.join(begun)} |"
+    yield f"|---|{'---:|' * len(begun)}"
+    for agent in AGENTS:
+        cells = [score_of(whole[task][agent]) if agent in whole[task] else "" for task in begun]
+        if any(cells):
+            yield f"| {named(agent)} | {' | '.join(cells)} |"
+    yield ""
+
+
+def complete(runs: Sequence[Run], agents: Iterable[str], task: str) -> dict[str, list[Run]]:
+    """Return the runs of each agent that has all seeds of a task."""
+    own = {agent: chosen(runs, agent, task) for agent in agents}
+    return {agent: found for agent, found in own.items() if len(found) == SEEDS}
+
+
+def score_of(runs: Sequence[Run]) -> str:
+    """Return the mean AUC with its interval, as text."""
+    ends = bootstrap_interval(aucs(runs)[:, None], mean, np.random.default_rng(0))
+    assert ends is not None
+    return f"{aucs(runs).mean():.3f} [{ends.low:.3f}, {ends.high:.3f}]"
 
 
 def solved(runs: Sequence[Run]) -> str:
@@ -150,11 +170,6 @@ def solved(runs: Sequence[Run]) -> str:
     steps = sorted(run.scores.steps_to_threshold or float("inf") for run in runs)
     middle = steps[len(steps) // 2]
     return "never" if middle == float("inf") else f"{middle:,.0f}"
-
-
-def against(scores: Array, others: Sequence[Run]) -> str:
-    """Return the difference from other runs, bold if it is significant."""
-    return interval_of(difference("", [scores], [aucs(others)]))
 
 
 def interval_of(found: Difference) -> str:
@@ -193,9 +208,8 @@ def inside() -> Iterator[str]:
     yield "## Inside the agents with a reachability network\n"
     yield textwrap.fill(
         "Means over the seeds whose diagnostics were kept and whose network came into use. *Trusted at*: the env steps "
-        "from which the network is used, and its accuracy there. *Charged*: the share of steps that SPRL calls a "
-        "violation, in the whole run and in its last tenth. *Bonus* and *goal*: the bonus of a mean step, and the "
-        "reward of the goal after normalisation, in the last tenth.",
+        "from which it is used, and its accuracy there. *Charged*: the share of steps that SPRL calls a violation. "
+        "*Bonus* and *goal*: of a mean step, and after normalisation, in the last tenth.",
         width=120,
     )
     yield ""
@@ -238,7 +252,6 @@ def missing(runs: Sequence[Run]) -> Iterator[str]:
             yield f"- {task}: all agents."
         elif agents:
             yield f"- {task}: {', '.join(map(named, agents))}."
-    yield "\nThey are not in the table of scores."
     if {HIGH_COST, LOW_COST, "sprl@scaled"} & set(gaps[REACH]):
         yield OPEN
     yield "\nThese commands complete the runs, and take what is finished as it is:\n"
