@@ -18,9 +18,9 @@ import numpy as np
 from gymnasium import spaces
 
 from sprl_bench import checkpoint
-from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Playable, Policy, load_attribute, load_factory
 from sprl_bench.envs import GRID_IDS, MAZE_IDS
+from sprl_bench.naming import AgentName
 from sprl_bench.records import RunSpec, read
 from sprl_bench.records.files import printable
 from sprl_bench.records.folder import CHECKPOINT, RECORD, SPEC, WEIGHTS, find_files

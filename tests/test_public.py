@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pkgutil
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,11 @@ def test_the_list_of_names_is_sorted_and_short() -> None:
 def test_public_names_and_their_homes_agree() -> None:
     assert sorted(sprl_bench._HOME_OF) == sorted(sprl_bench.__all__)
     assert set(sprl_bench.__all__) <= set(dir(sprl_bench))
+
+
+def test_no_submodule_hides_a_public_name() -> None:
+    submodules = {module.name for module in pkgutil.iter_modules(sprl_bench.__path__)}
+    assert not submodules & set(sprl_bench.__all__)
 
 
 def test_another_name_is_refused() -> None:

@@ -101,7 +101,7 @@ def stage(source: Path) -> None:
     (generated / "commands.md").write_text("\n".join(_commands()), encoding="utf-8")
     (generated / "python.md").write_text("\n".join(_python()), encoding="utf-8")
     for name, text in _generated().items():
-        (generated / f"{name}.md").write_text(text, encoding="utf-8")
+        (generated / f"{name}.md").write_text(_unbroken(text), encoding="utf-8")
     boards.write_reports(BOARDS, source / "extra" / "boards")
     with (source / "docs" / "results.md").open("a", encoding="utf-8") as results:
         results.write(boards.beside_results(boards.names_of(BOARDS)))
@@ -160,9 +160,13 @@ def _copy(page: Path, source: Path) -> None:
     """Copy a page and the files that it links to."""
     folder = (ROOT / page).parent
     text = LINK.sub(lambda link: _linked(link, folder, source), (ROOT / page).read_text(encoding="utf-8"))
-    text = INTERVAL.sub("[\\1,\N{NO-BREAK SPACE}\\2]", text)
     (source / page).parent.mkdir(parents=True, exist_ok=True)
-    (source / page).write_text(text, encoding="utf-8")
+    (source / page).write_text(_unbroken(text), encoding="utf-8")
+
+
+def _unbroken(text: str) -> str:
+    """Return a text in which no line break parts an interval."""
+    return INTERVAL.sub("[\\1,\N{NO-BREAK SPACE}\\2]", text)
 
 
 def _linked(link: re.Match[str], folder: Path, source: Path) -> str:

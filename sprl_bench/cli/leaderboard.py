@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -40,6 +40,7 @@ def show(
     pending: Annotated[bool, typer.Option("--pending", help="The runs in ./leaderboards/pending.")] = False,
     form: options.Format = None,
     output: options.Output = None,
+    columns: options.Columns = None,
     home: Home = None,
 ) -> None:
     """Show the boards, computed from their entries."""
@@ -51,7 +52,8 @@ def show(
         boards = _pending_tables(home or leaderboard.own_home(), suite)
     else:
         boards = leaderboard.boards(home or leaderboard.home(), suite)
-    options.deliver(render(boards, form, width=options.terminal_width(output)), output)
+    chosen = options.split_names(columns, "columns") if columns is not None else None
+    options.deliver(render(boards, form, width=options.terminal_width(output), columns=chosen), output)
 
 
 def _pending_tables(home: Path, suite: str | None) -> list[Table]:
@@ -186,17 +188,25 @@ def plot(
     runs: Annotated[Path | None, typer.Option(help="A folder with runs to draw beside the entries.")] = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
+    kind: options.Kind = "curves",
+    width: options.Width = None,
     allow_missing: options.AllowMissing = False,
 ) -> None:
-    """Draw the learning curves of a board's entries, one panel a task."""
+    """Draw the learning curves of a board's entries, one panel a task, or another picture of them."""
     from sprl_bench import leaderboard, plots
 
+    options.check_choice("kind", kind, ("curves", *plots.KINDS))
     entries = leaderboard.find_board(board)
     records, planned = runs_of(runs, None, suites=[entries[0].suite]) if runs else ([], [])
     results, wanted = leaderboard.side_by_side(entries, records, planned=planned, agents=agent or None)
     if runs and not any(spec.suite == entries[0].suite for spec in wanted):
         raise ValueError(f"There is no run of suite {entries[0].suite!r} in {runs}.")
-    plots.plot_results(results, output, tasks=task or None, planned=wanted, allow_missing=allow_missing)
+    chosen: dict[str, Any] = {"tasks": task or None, "planned": wanted, "allow_missing": allow_missing}
+    if kind == "curves":
+        plots.plot_results(results, output, width=width, **chosen)
+    else:
+        labels = plots.suite_labels(results)
+        plots.plot_suites(plots.board_matrices(results, **chosen), output, kind, width=width, labels=labels)
     typer.echo(f"Wrote {output}.", err=True)
 
 

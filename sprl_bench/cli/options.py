@@ -35,6 +35,14 @@ KeepActions = Annotated[
     bool, typer.Option("--keep-actions", help="Keep every action, so that sprl-bench verify can repeat the runs.")
 ]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="A file to write to.")]
+Columns = Annotated[
+    str | None,
+    typer.Option(help="Only these, as in 'Seeds,Mean AUC,IQM'; a paper's column has room for three or four."),
+]
+Kind = Annotated[str, typer.Option(help="curves, profiles (performance profiles), or improvement (its probability).")]
+Width = Annotated[
+    str | None, typer.Option(help="one-column or two-column, of a paper; by default what the panels need.")
+]
 Picture = Annotated[Path, typer.Option("-o", "--output", help="A .png, .svg or .pdf file.")]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sprl_bench.cli.found_runs import find_runs, warn
-from sprl_bench.cli.options import Agents, AllowMissing, Picture, Runs, Suites, Tasks, check_choice
+from sprl_bench.cli.options import Agents, AllowMissing, Kind, Picture, Runs, Suites, Tasks, Width, check_choice
 
 if TYPE_CHECKING:  # loaded when the command needs it
     from sprl_bench.records import RunRecord
@@ -21,9 +21,7 @@ def plot(
     suite: Suites = None,
     task: Tasks = None,
     agent: Agents = None,
-    kind: Annotated[
-        str, typer.Option(help="curves, profiles (performance profiles), or improvement (its probability).")
-    ] = "curves",
+    kind: Kind = "curves",
     metric: Annotated[
         list[str] | None,
         typer.Option(help="What agents log, such as success or entropy, instead; may be given several times."),
@@ -32,9 +30,7 @@ def plot(
         str | None,
         typer.Option(help="Draw the AUC against this hyperparameter, or argument of the environment, instead."),
     ] = None,
-    width: Annotated[
-        str | None, typer.Option(help="one-column or two-column, of a paper; by default what the panels need.")
-    ] = None,
+    width: Width = None,
     allow_missing: AllowMissing = False,
 ) -> None:
     """Draw each agent's learning curve, one panel a task."""
@@ -76,6 +72,5 @@ def _plot_scores(records: Sequence[RunRecord], output: Path, kind: str, width: s
     if kind == "curves":
         plots.plot(records, output, width=width, **chosen)
     else:
-        plots.plot_suites(
-            plots.suite_matrices(records, **chosen), output, kind, width=width, labels=plots.suite_labels(records)
-        )
+        labels = plots.suite_labels(record.spec for record in records)
+        plots.plot_suites(plots.suite_matrices(records, **chosen), output, kind, width=width, labels=labels)

@@ -50,7 +50,7 @@ def _open(page: Path) -> None:
 
 
 def watch(
-    runs: Annotated[Path, typer.Argument(help="A folder with runs; it may fill up later.")],
+    runs: Annotated[Path, typer.Argument(help="A folder for runs, which may begin later.")],
     host: Annotated[str, typer.Option(help="The address to listen at; others than yours may read the page.")] = (
         "127.0.0.1"
     ),
@@ -59,11 +59,16 @@ def watch(
     against: Against = None,
 ) -> None:
     """Serve the report of runs, and refresh it while they go on."""
-    from sprl_bench.report import make_server, render_report
+    from sprl_bench.report import make_server, of_runs, render_report
 
     def page() -> str:
+        if _is_empty(runs):
+            return render_report(of_runs(runs.resolve().name, [], [], notes=[waiting]), refresh_s=every)
         return render_report(_of_runs(runs, against, allow_missing=True), refresh_s=every)
 
+    waiting = f"There are no runs in {runs} yet."
+    if _is_empty(runs):
+        typer.echo(f"{waiting} The page waits for them.", err=True)
     server = make_server(page, host=host, port=port, every_s=every)
     shown, number = server.server_address[:2]
     typer.echo(f"Open http://{shown!s}:{number}/ in a browser; Ctrl-C ends it.", err=True)
@@ -72,6 +77,11 @@ def watch(
             server.serve_forever()
         except KeyboardInterrupt:
             typer.echo("Ended.", err=True)
+
+
+def _is_empty(runs: Path) -> bool:
+    """Return whether runs may still begin in a folder: it is empty, or not there."""
+    return not runs.exists() or (runs.is_dir() and not any(runs.iterdir()))
 
 
 def _source(source: Path, against: Path | None, *, allow_missing: bool) -> Source:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sprl_bench.agent_names import parse_settings
 from sprl_bench.cli.options import (
     KeepActions,
     find_modules_here,
@@ -20,6 +19,7 @@ from sprl_bench.cli.options import (
     program_name,
     split_names,
 )
+from sprl_bench.naming import parse_settings
 
 if TYPE_CHECKING:  # loaded when the command needs them
     from sprl_bench.records import RunRecord, RunSpec

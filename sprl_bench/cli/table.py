@@ -33,10 +33,7 @@ def table(
     suite: options.Suites = None,
     task: options.Tasks = None,
     agent: options.Agents = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(help="Only these, as in 'Seeds,Mean AUC,IQM'; a paper's column has room for three or four."),
-    ] = None,
+    columns: options.Columns = None,
     allow_missing: options.AllowMissing = False,
     statistic: Statistic = "auc",
 ) -> int:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sprl_bench.agent_names import parse_settings
 from sprl_bench.cli.options import find_modules_here
+from sprl_bench.naming import parse_settings
 
 if TYPE_CHECKING:  # loaded when a command needs them
     from sprl_bench.tasks import Argument

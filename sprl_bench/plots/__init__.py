@@ -9,6 +9,7 @@ from sprl_bench.plots.sheet import WIDTHS
 from sprl_bench.plots.style import PAPER, STYLE, SUFFIXES, UNDATED, save
 from sprl_bench.plots.suite_wide import (
     KINDS,
+    board_matrices,
     draw_improvement,
     draw_profiles,
     plot_suites,
@@ -24,6 +25,7 @@ __all__ = [
     "UNDATED",
     "WIDTHS",
     "Point",
+    "board_matrices",
     "draw_axis",
     "draw_curves",
     "draw_improvement",

@@ -87,6 +87,7 @@ def draw_metrics(runs: Sequence[Logged], metrics: Sequence[str], *, width: str |
     """
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
+    runs = [run for run in runs if any(line.get(metric) is not None for line in run[1] for metric in metrics)]
     tasks = sorted({spec.task.name for spec, _ in runs})
     looks = looks_of(spec.agent for spec, _ in runs)
     names = [f"{agent} ({len({spec.seed for spec, _ in runs if spec.agent == agent})} seeds)" for agent in looks]

@@ -1,7 +1,7 @@
 """What all pictures share: colours, sizes, the legend, and how a figure becomes a file.
 
-The colours are those of Okabe and Ito and two of Tol's, safe for colour-blind readers; when they are used up, dashes
-follow. An agent has the same colour in every picture. matplotlib is loaded when something is drawn.
+The colours are those of Okabe and Ito and of Tol, safe for colour-blind readers; when they are used up, dashes follow.
+A reference agent has the same colour in every picture. matplotlib is loaded when something is drawn.
 """
 
 from __future__ import annotations
@@ -29,9 +29,11 @@ if TYPE_CHECKING:  # the extra `plots`
     from sprl_bench.scores import Array
 
 SUFFIXES = (".pdf", ".png", ".svg")
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#999933")
+REFERENCE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#882255", "#999933")
+OTHERS = ("#332288", "#44AA99", "#AA4499", "#DDCC77", "#661100")
+COLOURS = (*REFERENCE, *OTHERS)
 RESERVED: Final = MappingProxyType(
-    dict(zip(("eco", "gt-grid", "gt-sprl", "icm", "ppo", "random", "sprl", "rnd", "count"), COLOURS, strict=True))
+    dict(zip(("eco", "gt-grid", "gt-sprl", "icm", "ppo", "random", "sprl", "rnd", "count"), REFERENCE, strict=True))
 )
 """The reference agents have the same colour in every picture."""
 Dashes = Literal["-", "--", ":", "-."]
@@ -97,8 +99,9 @@ def save(draw: Callable[[], Figure], output: Path, *, width: str | None = None) 
 def looks_of(agents: Iterable[str]) -> dict[str, Look]:
     """Return each agent's look; its presets and variants, as sprl@tuned+k=3, have its colour and other dashes.
 
-    A reference agent always has the same colour. Another agent has one that follows from its name, or the next free
-    one where another agent of the picture has that. Where all are variants of one agent, each has a colour of its own.
+    A reference agent always has the same colour. Another agent has one of `OTHERS` that follows from its name, or the
+    next free one where another agent of the picture has that. Where all are variants of one agent, each has a colour of
+    its own.
     """
     looks: dict[str, Look] = {}
     colours = _colours_of(map(_family, agents := sorted(set(agents))))
@@ -115,9 +118,12 @@ def _colours_of(families: Iterable[str]) -> dict[str, str]:
     """Return a colour for each family, each used as rarely as possible."""
     found: dict[str, str] = {}
     for family in sorted(set(families), key=lambda name: (name not in RESERVED, name)):
-        start = COLOURS.index(RESERVED[family]) if family in RESERVED else crc32(family.encode()) % len(COLOURS)
+        if family in RESERVED:
+            found[family] = RESERVED[family]
+            continue
+        start = crc32(family.encode()) % len(OTHERS)
         used = Counter(found.values())
-        found[family] = min((*COLOURS[start:], *COLOURS[:start]), key=lambda colour: used[colour])
+        found[family] = min((*OTHERS[start:], *OTHERS[:start], *REFERENCE), key=lambda colour: used[colour])
     return found
 
 

@@ -15,7 +15,7 @@ from sprl_bench.plots.sheet import check_width, lay_out
 from sprl_bench.plots.style import Look, check_suffix, draw_caption, draw_grid, draw_legend, looks_of, save
 from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.suggestions import unknown
-from sprl_bench.tables import Result, tabulate
+from sprl_bench.tables import Result, tabulate, tabulate_results
 from sprl_bench.tables.aggregates import Improvement, improvement_of, matrices_of, profile_of
 from sprl_bench.tables.render import marked
 
@@ -52,10 +52,21 @@ def suite_matrices(
     }
 
 
-def suite_labels(records: Iterable[RunRecord]) -> Labels:
+def board_matrices(
+    results: Sequence[Result],
+    *,
+    tasks: Sequence[str] | None = None,
+    planned: Iterable[RunSpec] = (),
+    allow_missing: bool = False,
+) -> Matrices:
+    """Return the same for the results of one suite, such as a board's entries; else as `suite_matrices`."""
+    table = tabulate_results(results, tasks=tasks, planned=planned, allow_missing=allow_missing)
+    return {table.suite: matrices_of(results, table)}
+
+
+def suite_labels(runs: Iterable[RunSpec | Result]) -> Labels:
     """Return each agent's name with its marks, such as "gt-grid †" for a privileged one."""
-    specs = [record.spec for record in records]
-    return {spec.agent: marked(spec.agent, spec.privileged, spec.information) for spec in specs}
+    return {run.agent: marked(run.agent, run.privileged, run.information) for run in runs}
 
 
 def plot_suites(
@@ -103,7 +114,7 @@ def draw_profiles(matrices: Matrices, *, width: str | None = None, labels: Label
 
 
 def draw_improvement(matrices: Matrices, *, width: str | None = None, labels: Labels = NO_LABELS) -> Figure:
-    """Return a figure of how probably a run of the best agent scores higher than a run of each other one."""
+    """Return a figure of how probably a run of each agent scores higher than a run of the best one."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - the extra `plots`, and slow to load
 
     looks = _looks(matrices)
@@ -114,9 +125,9 @@ def draw_improvement(matrices: Matrices, *, width: str | None = None, labels: La
     for axes, (suite, agents) in zip(_panels(figure, sheet.rows, sheet.columns), matrices.items(), strict=False):
         best = max(agents, key=lambda agent: float(scores.mean(agents[agent])))
         _draw_improvements(
-            axes, [improvement_of(best, other, agents) for other in agents if other != best], looks, labels
+            axes, [improvement_of(other, best, agents) for other in agents if other != best], looks, labels
         )
-        axes.set(title=suite, xlabel=f"P({labels.get(best, best)} > agent)", xlim=(-0.02, 1.02))
+        axes.set(title=suite, xlabel=f"P(agent > {labels.get(best, best)})", xlim=(-0.02, 1.02))
     draw_caption(figure, f"Probability of improvement with 95 % bootstrap intervals.{_marks(names)}")
     return figure
 
@@ -135,15 +146,15 @@ def _panels(figure: Figure, rows: int, columns: int) -> Sequence[Axes]:
 
 
 def _draw_improvements(axes: Axes, found: Sequence[Improvement], looks: Mapping[str, Look], labels: Labels) -> None:
-    """Draw a point with its interval for each agent, the least beaten at the top."""
-    ordered = sorted(found, key=lambda one: (-one.value, one.reference))
+    """Draw a point with its interval for each agent, the best at the top."""
+    ordered = sorted(found, key=lambda one: (one.value, one.agent))
     for place, one in enumerate(ordered):
-        colour = looks[one.reference].colour
+        colour = looks[one.agent].colour
         axes.plot([one.value], [place], "o", color=colour, markersize=4)
         if one.interval is not None:
             axes.hlines(place, *one.interval, color=colour, linewidth=1.6)
     axes.axvline(0.5, color="#555555", linewidth=0.8, linestyle="--")
-    axes.set_yticks(range(len(ordered)), [labels.get(one.reference, one.reference) for one in ordered])
+    axes.set_yticks(range(len(ordered)), [labels.get(one.agent, one.agent) for one in ordered])
     axes.set_ylim(-0.6, len(ordered) - 0.4)
     draw_grid(axes)
 

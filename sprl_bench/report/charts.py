@@ -19,8 +19,10 @@ PATTERNS: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
     {"-": (1, 0), "--": (6, 3), ":": (1.5, 2), "-.": (6, 2, 1.5, 2)}
 )
 """Lengths of strokes and gaps, by matplotlib's name of the dashes."""
+STEPS: Final = "Environment steps"
+ROUND: Final = "datum.value === 0 ? '0' : format(datum.value, '~s')"  # 500k for 500,000
 LIT: Final = "highlight === '' || highlight === datum.agent"
-BRIGHT: Final[Spec] = {"condition": {"test": LIT, "value": 1}, "value": 0.12}
+DIM: Final = 0.12  # of the usual opacity, for other agents than the one that is lit up
 
 
 def colour_of(look: Look) -> str:
@@ -37,10 +39,13 @@ def specs_of(looks: Mapping[str, Look]) -> dict[str, Spec]:
         "color": {"field": "agent", "type": "nominal", "scale": colour, "legend": None},
         "strokeDash": {"field": "agent", "type": "nominal", "scale": dash, "legend": None},
     }
-    steps, share = _axis("Environment steps", format="~s"), _axis("AUC, share of the score range")
+    steps, share = (
+        _axis(STEPS, labelExpr=ROUND),
+        _axis("AUC, share of the score range"),
+    )
     return {
-        "curve": _lines(encode, _x(steps), _axis("Mean return"), "Environment steps"),
-        "metric": _lines(encode, _x(steps), _axis(""), "Environment steps"),
+        "curve": _lines(encode, _x(steps), _axis("Mean return"), STEPS),
+        "metric": _lines(encode, _x(steps), _axis(""), STEPS),
         "profile": _lines(encode, _x(share), _axis("Share of runs above"), "AUC above"),
         "interval": _intervals(encode, _axis("")),
         "improvement": _improvements(encode),
@@ -88,32 +93,50 @@ def _y(field: str, axis: Spec) -> Spec:
     return {"field": field, "type": "quantitative", "axis": axis, "scale": {"zero": False}}
 
 
+def _bright(opacity: float) -> Spec:
+    """Return this opacity, and little of it while another agent is lit up."""
+    return {"condition": {"test": LIT, "value": opacity}, "value": DIM * opacity}
+
+
 def _lines(encode: Spec, x: Spec, axis: Spec, x_name: str) -> Spec:
     """Return the mean of each agent as a line with its band, and its runs as thin lines; a pointer lights one up."""
     band = {
-        "mark": {"type": "area", "opacity": 0.15, "aria": False},
+        "mark": {"type": "area", "aria": False},
         "data": {"name": "bands"},
-        "encoding": {"x": x, "y": _y("low", axis), "y2": {"field": "high"}, "color": encode["color"]},
+        "encoding": {
+            "x": x,
+            "y": _y("low", axis),
+            "y2": {"field": "high"},
+            "opacity": _bright(0.15),
+            "color": encode["color"],
+        },
     }
     runs = {
-        "mark": {"type": "line", "strokeWidth": 0.6, "opacity": 0.3, "aria": False},
+        "mark": {"type": "line", "strokeWidth": 0.7, "aria": False},
         "data": {"name": "runs"},
-        "encoding": {"x": x, "y": _y("y", axis), "detail": {"field": "run", "type": "nominal"}, **encode},
+        "encoding": {
+            "x": x,
+            "y": _y("y", axis),
+            "opacity": _bright(0.4),
+            "detail": {"field": "run", "type": "nominal"},
+            **encode,
+        },
     }
     means = {
         "mark": {"type": "line", "strokeWidth": 2, "aria": False},
         "data": {"name": "means"},
-        "encoding": {"x": x, "y": _y("y", axis), "opacity": BRIGHT, **encode},
+        "encoding": {"x": x, "y": _y("y", axis), "opacity": _bright(1), **encode},
     }
     return {**_base("bands", "runs", "means"), "height": 220, "layer": [band, runs, means, _pointer(x, axis, x_name)]}
 
 
 def _pointer(x: Spec, axis: Spec, x_name: str) -> Spec:
-    """Return points that cannot be seen, which the pointer finds."""
-    hover = {"type": "point", "fields": ["agent"], "on": "pointerover", "clear": "pointerout", "nearest": True}
+    """Return points that cannot be seen, which the pointer finds; a finger stays on one until it taps elsewhere."""
+    x_format = ",.0f" if x_name == STEPS else ".4~g"
+    hover = {"type": "point", "fields": ["agent"], "on": "mouseover", "clear": "mouseout", "nearest": True}
     tooltip = [
         {"field": "label", "type": "nominal", "title": "Agent"},
-        {"field": "x", "type": "quantitative", "title": x_name, "format": ",.6~g"},
+        {"field": "x", "type": "quantitative", "title": x_name, "format": x_format},
         {"field": "y", "type": "quantitative", "title": "Mean", "format": ".4~g"},
         {"field": "interval", "type": "nominal", "title": "95 % interval"},
     ]

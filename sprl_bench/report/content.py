@@ -216,7 +216,7 @@ def _lost(source: Source, groups: Sequence[Sequence[Result]]) -> Iterable[str]:
 def _summary(progress: Sequence[Progress]) -> str:
     statuses = [one.status for one in progress]
     counts = [f"{statuses.count(name)} {name}" for name in dict.fromkeys(sorted(statuses))]
-    return f"{len(progress)} runs: {', '.join(counts)}." if progress else ""
+    return f"{len(progress)} run{'s' * (len(progress) > 1)}: {', '.join(counts)}." if progress else ""
 
 
 def _share(progress: Sequence[Progress]) -> float:

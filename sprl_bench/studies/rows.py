@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from sprl_bench.agent_names import AgentName
+from sprl_bench.naming import AgentName
 from sprl_bench.scores import Array
 from sprl_bench.studies import exact_search
 from sprl_bench.studies.reduction import draw_reduction, judge_reduction, reduction_table

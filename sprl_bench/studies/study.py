@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sprl_bench.agent_names import AgentName
+from sprl_bench.naming import AgentName
 from sprl_bench.records import RunRecord, RunSpec, find_metrics, find_records
 from sprl_bench.scores import Array
 from sprl_bench.studies.verdicts import Verdict

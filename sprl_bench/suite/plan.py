@@ -8,8 +8,8 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, Final
 
-from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import Hyperparameters, load_factory, resolve_hyperparameters
+from sprl_bench.naming import AgentName
 from sprl_bench.records import RunSpec
 from sprl_bench.suite.devices import resolve_device
 from sprl_bench.tasks import CUSTOM, Suite, Task, with_budget

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from sprl_bench.agent_names import AgentName
 from sprl_bench.agents import load_factory, resolve_hyperparameters
+from sprl_bench.naming import AgentName
 from sprl_bench.records import RunSpec
 from sprl_bench.records.files import read_bytes, refuse_mark
 from sprl_bench.suite import expand

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sprl_bench import scores
-from sprl_bench.agent_names import AgentName
+from sprl_bench.naming import AgentName
 from sprl_bench.records import RunRecord
 from sprl_bench.sweeps.declaration import Declaration, Setting
 from sprl_bench.sweeps.sensitivity import Sensitivity, sensitivity

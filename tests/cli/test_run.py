@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from cli_calls import Capture, call, refused
-from sprl_bench.agent_names import parse_settings
 from sprl_bench.cli.options import parse_seeds
+from sprl_bench.naming import parse_settings
 from sprl_bench.records import find_records
 from sprl_bench.suite import devices
 

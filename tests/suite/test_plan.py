@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sprl_bench.agent_names import AgentName
+from sprl_bench.naming import AgentName
 from sprl_bench.suite import devices, expand, require_device, too_short
 from sprl_bench.tasks import SUITES, find_suite
 

@@ -18,11 +18,20 @@
 
   function showAgents() {
     for (const box of all("input[data-agent]")) box.checked = !off.has(data.agents[box.dataset.agent].name);
-    for (const row of all("tr[data-agent]")) row.hidden = !isShown(data.agents[row.dataset.agent].name);
+    for (const row of all("tr[data-agent], details[data-agent]")) row.hidden = !isShown(data.agents[row.dataset.agent].name);
     for (const item of all("nav li")) {
       const { ordinary } = data.agents[one("input", item).dataset.agent];
       item.hidden = one("#ordinary").checked && !ordinary;
     }
+    for (const select of all('select[data-choice="reference"]')) chooseShown(select);
+  }
+
+  // The reference of a comparison is an agent that is shown, if there is one.
+  function chooseShown(select) {
+    const options = all("option", select);
+    for (const option of options) option.disabled = option.hidden = !isShown(data.agents[option.value].name);
+    if (!select.selectedOptions[0]?.disabled) return;
+    select.value = (options.find((option) => !option.disabled) ?? select.selectedOptions[0]).value;
   }
 
   function lightUp(name) {
@@ -68,6 +77,7 @@
     curve(chart) {
       const section = data.sections[chart.dataset.section];
       const task = section.tasks[chart.dataset.task];
+      if (!task.budget) return { rows: lines([], [], false), empty: "No run of this task is finished." };
       const items = section.curves.filter((curve) => curve.task === +chart.dataset.task && isShown(curve.agent));
       return {
         rows: lines(items, steps(task.budget, 100), one("#single").checked),
@@ -147,8 +157,8 @@
     const content = kinds[kind](chart);
     views.get(chart)?.finalize();
     views.delete(chart);
-    if (!isUpdated(chart) && !content.rows.means.length) {
-      chart.textContent = "None of the agents that are shown has it.";
+    if (content.empty || (!isUpdated(chart) && !content.rows.means.length)) {
+      chart.textContent = content.empty ?? "No agent that is shown has a finished run here.";
       return;
     }
     const { view } = await vegaEmbed(chart, specOf(chart, content), {
@@ -158,6 +168,7 @@
       logLevel: vega.Error, // a chart as high as its rows warns that its height is not fitted
       mode: "vega-lite",
       renderer: "svg",
+      tooltip: { theme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light" },
     });
     views.set(chart, view);
     const menu = one("summary", chart);
@@ -237,7 +248,7 @@
       });
       return line;
     };
-    row(data.seed_columns, table.createTHead(), () => "th");
+    row(data.seed_columns.map((name) => name.replaceAll("_", " ")), table.createTHead(), () => "th");
     const body = table.createTBody();
     for (const cells of data.seeds) {
       const line = row(cells, body, (i) => (i === 2 ? "th" : "td"));
