@@ -28,10 +28,10 @@ AGENTS: Final = ("ppo", "icm", "eco", "rnd", "sprl", "sprl@scaled", "eco@scaled"
 HIGH_COST: Final = "sprl+cost_scale=0.5"  # ten times Table 5's, on Reach alone
 LOW_COST: Final = "sprl+cost_scale=0.005"  # a tenth of Table 5's
 OTHER_VALUES: Final = {
-    LOW_COST: "a tenth of the cost",
-    HIGH_COST: "ten times the cost",
-    "sprl@scaled": "the network's schedule",
-    "eco@scaled": "the network's schedule",
+    LOW_COST: "cost: a tenth",
+    HIGH_COST: "cost: tenfold",
+    "sprl@scaled": "schedule",
+    "eco@scaled": "schedule",
 }
 SEEDS: Final = 5
 REWARD_LIMIT: Final = 10.0  # of a training reward on Fetch
@@ -64,10 +64,9 @@ OPEN: Final = """
 Whether the score of `sprl` is due to the method or to Table 5's values, we do not know before all rows of FetchReach
 are there."""
 READING: Final = """\
-*AUC* is the area under the learning curve, *final* the success in the last tenth of the budget, each the mean of five
-seeds. *To .5* is the median of the env steps until the success in a hundredth of the budget is at least .5. *Minus
-`ppo`* is the difference in AUC, bold if its 95 % interval excludes 0. With five seeds, an interval that barely does so
-is only a hint ([why](scores.md#confidence-intervals)).
+*AUC* is the area under the learning curve, *final* the success in the last tenth, each the mean of five seeds. *To .5*
+is the median of the env steps until a hundredth of the budget has a success of .5. *Minus `ppo`* is the difference in
+AUC, bold if its 95 % interval excludes 0; with five seeds that is only a hint ([why](scores.md#confidence-intervals)).
 """
 
 
@@ -105,7 +104,9 @@ def finished() -> list[Run]:
 
 def machines(hardware: Iterable[Hardware]) -> str:
     """Return what the runs were made on, as text."""
-    return " or ".join(sorted({f"{one.cpu} with {one.cores} cores" for one in hardware}))
+    return " or ".join(
+        sorted({f"{one.cpu.removesuffix(' Processor').replace('(R)', '')}, {one.cores} cores" for one in hardware})
+    )
 
 
 def chosen(runs: Sequence[Run], agent: str, task: str) -> list[Run]:
@@ -167,7 +168,7 @@ def score_of(runs: Sequence[Run]) -> str:
 
 def solved(runs: Sequence[Run]) -> str:
     """Return the median of the steps to the threshold; a seed that never gets there counts as later than all others."""
-    steps = sorted(run.scores.steps_to_threshold or float("inf") for run in runs)
+    steps = sorted(map(time_to_half, runs))
     middle = steps[len(steps) // 2]
     return "never" if middle == float("inf") else f"{middle:,.0f}"
 
@@ -181,23 +182,45 @@ def interval_of(found: Difference) -> str:
 
 def other_values(runs: Sequence[Run]) -> Iterator[str]:
     """Yield what other values change of SPRL and ECO on Reach; nothing before there are any."""
-    rows = []
+    rows, outcomes = [], set()
     for agent, change in OTHER_VALUES.items():
         ours, table = chosen(runs, agent, REACH), chosen(runs, agent.split("@")[0].split("+")[0], REACH)
         if len(ours) == len(table) == SEEDS:
             found = difference("", [aucs(ours)], [aucs(table)])
             seeds = ", ".join(f"{score:.2f}" for score in aucs(ours))
             rows.append(f"| {named(agent)} | {change} | {seeds} | {interval_of(found)} |")
+            outcomes.add(found.outcome)
     if not rows:
         return
     yield "## Is it the method or its values?\n"
-    yield "FetchReach-substep2: the AUC of each seed, and the mean difference from the agent with Table 5's values.\n"
-    yield "| agent | what is changed | seeds 0 to 4 | minus Table 5's |"
+    yield f"{REACH}: the AUC of each seed, and the mean difference from the agent with Table 5's values.\n"
+    yield "| agent | changed | seeds 0 to 4 | minus Table 5's |"
     yield "|---|---|---|---:|"
     table = chosen(runs, "sprl", REACH)
     yield f"| {named('sprl')} | nothing | {', '.join(f'{score:.2f}' for score in aucs(table))} |  |"
     yield from rows
     yield ""
+    if outcomes == {"not decided"}:
+        yield "Five seeds decide none of these differences.\n"
+    yield textwrap.fill(pace(runs), width=120) + "\n"
+
+
+def pace(runs: Sequence[Run]) -> str:
+    """Return how many seeds of SPRL learn Reach as fast as PPO, and how many late or never."""
+    slowest = max(time_to_half(run) for run in chosen(runs, "ppo", REACH))
+    half = find_suite(SUITE).tasks[0].budget / 2
+    agents = ["sprl", *(agent for agent in OTHER_VALUES if agent.startswith("sprl"))]
+    times = [time_to_half(run) for agent in agents for run in chosen(runs, agent, REACH)]
+    fast, late = sum(time <= slowest for time in times), sum(time > half for time in times)
+    return (
+        f"Of these {len(times)} runs of `sprl`, {fast} reach a success of .5 within {slowest:,.0f} env steps, as all "
+        f"of `ppo` do, and {late} only after half of the budget, or never."
+    )
+
+
+def time_to_half(run: Run) -> float:
+    """Return the env steps until the success in a hundredth of the budget is at least .5; never is infinite."""
+    return run.scores.steps_to_threshold or float("inf")
 
 
 def inside() -> Iterator[str]:
@@ -207,19 +230,18 @@ def inside() -> Iterator[str]:
         return
     yield "## Inside the agents with a reachability network\n"
     yield textwrap.fill(
-        "Means over the seeds whose diagnostics were kept and whose network came into use. *Trusted at*: the env steps "
-        "from which it is used, and its accuracy there. *Charged*: the share of steps that SPRL calls a violation. "
-        "*Bonus* and *goal*: of a mean step, and after normalisation, in the last tenth.",
+        f"{REACH}, means over the seeds whose diagnostics were kept. *Trusted at*: the env steps from which it is "
+        "used. *Charged*: the share of steps that SPRL calls a violation. *Bonus* of a mean step and *goal*, both "
+        "normalised, in the last tenth.",
         width=120,
     )
     yield ""
-    yield "| task | agent | seeds | trusted at | accuracy there | at the end | charged | at the end | bonus | goal |"
-    yield "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"
-    known = table[table.trusted_at.notna() & (table.seed < SEEDS)]
-    for (task, agent), rows in known.groupby(["task", "agent"], sort=True):
+    yield "| agent | seeds | trusted at | accuracy there | at the end | charged | at the end | bonus | goal |"
+    yield "|---|---:|---:|---:|---:|---:|---:|---:|---:|"
+    known = table[table.trusted_at.notna() & (table.seed < SEEDS) & (table.task == REACH)]
+    for agent, rows in known.groupby("agent", sort=True):
         of = rows.mean(numeric_only=True)
         cells = [
-            task,
             named(str(agent)),
             len(rows),
             f"{of.trusted_at:,.0f}",
@@ -254,18 +276,19 @@ def missing(runs: Sequence[Run]) -> Iterator[str]:
             yield f"- {task}: {', '.join(map(named, agents))}."
     if {HIGH_COST, LOW_COST, "sprl@scaled"} & set(gaps[REACH]):
         yield OPEN
-    yield "\nThese commands complete the runs, and take what is finished as it is:\n"
+    yield "\nThis completes the runs, and takes what is finished as it is:\n"
     yield "```"
     yield f"sprl-bench run --suite {SUITE} --agents {','.join(AGENTS)} --known leaderboards/pending"
-    yield f"sprl-bench run --suite {SUITE} --task {REACH} --agents {HIGH_COST},{LOW_COST} --known leaderboards/pending"
+    if costs := ",".join(agent for agent in (HIGH_COST, LOW_COST) if agent in gaps[REACH]):
+        yield f"sprl-bench run --suite {SUITE} --task {REACH} --agents {costs} --known leaderboards/pending"
     yield "```\n"
 
 
 def cost(runs: Sequence[Run]) -> Iterator[str]:
     """Yield what the runs took."""
     yield "## Cost\n"
-    yield "A run takes one core. Other work shared the machines.\n"
-    yield "| machine | finished runs | hours |"
+    yield "Core-hours, on machines that other work shared:\n"
+    yield "| machine | runs | hours |"
     yield "|---|---:|---:|"
     for machine in sorted({run.machines for run in runs}):
         times = [run.wall_time_s for run in runs if run.machines == machine]

@@ -228,6 +228,12 @@ def test_a_picture_of_a_board(
     assert call(capsys, "leaderboard", "plot", board, "-o", path) == (0, "", f"Wrote {path}.\n")
     text = path.read_text()
     assert all(name in text for name in ("ppo (5 seeds)", "random (5 seeds)", "FourRooms-7x7", "KeyDoors-7x7"))
+    for kind, label in (("profiles", "Share of runs above"), ("improvement", "P(agent &gt; ppo)")):
+        assert call(capsys, "leaderboard", "plot", board, "-o", path, "--kind", kind, "--width", "one-column")[0] == 0
+        assert label in path.read_text()
+    assert "Unknown kind 'pie'" in refused(capsys, "leaderboard", "plot", board, "-o", path, "--kind", "pie")[1]
+    show = ["leaderboard", "show", "grid-7x7", "--home", home, "--format", "latex", "--columns", "Seeds,Mean AUC"]
+    assert "IQM" not in call(capsys, *show)[1]
 
     mine = [make_record("mine", task, suite="grid-7x7") for task in ("FourRooms-7x7", "KeyDoors-7x7")]
     other = make_record("mine", suite="smoke")

@@ -11,6 +11,7 @@ import pytest
 from matplotlib import rc_context
 
 from sprl_bench import plots, scores
+from sprl_bench.plots.style import RESERVED, looks_of
 from sprl_bench.records import RunRecord
 from sprl_bench.tables import BOOTSTRAP_SEED, Result, tabulate
 
@@ -68,10 +69,10 @@ def test_profiles_are_those_of_the_scores(grid_7x7: list[RunRecord]) -> None:
 def test_the_best_agent_is_compared_with_each_other_one(make_record: MakeRecord) -> None:
     matrices = plots.suite_matrices(_records(make_record, 4))
     axes = plots.draw_improvement(matrices).axes[0]
-    assert axes.get_xlabel() == "P(agent-3 > agent)"
+    assert axes.get_xlabel() == "P(agent > agent-3)"
     assert [text.get_text() for text in axes.get_yticklabels()] == ["agent-0", "agent-1", "agent-2"]
     [agents] = matrices.values()
-    wanted = scores.improvement_interval(agents["agent-3"], agents["agent-2"], np.random.default_rng(BOOTSTRAP_SEED))
+    wanted = scores.improvement_interval(agents["agent-2"], agents["agent-3"], np.random.default_rng(BOOTSTRAP_SEED))
     assert wanted is not None
     [segment] = axes.collections[-1].get_segments()
     assert tuple(segment[:, 0]) == pytest.approx(wanted)
@@ -83,13 +84,28 @@ def test_privileged_agents_are_marked_and_the_mark_is_explained(make_record: Mak
         for agent, level in {"oracle": 0.9, "ppo": 0.5}.items()
         for seed in range(2)
     ]
-    matrices, labels = plots.suite_matrices(records), plots.suite_labels(records)
+    matrices, labels = plots.suite_matrices(records), plots.suite_labels(one.spec for one in records)
     profiles = plots.draw_profiles(matrices, labels=labels)
     assert [text.get_text() for text in profiles.legends[0].texts] == ["oracle †", "ppo"]
     assert profiles.get_supxlabel().split()[-2:] == ["†", "privileged."]
     improvement = plots.draw_improvement(matrices, labels=labels)
-    assert improvement.axes[0].get_xlabel() == "P(oracle † > agent)"
+    assert improvement.axes[0].get_xlabel() == "P(agent > oracle †)"
     assert "†" not in plots.draw_profiles(matrices).get_supxlabel()
+
+
+def test_another_agent_has_its_colour_with_and_without_the_reference_agents() -> None:
+    for name in ("dqn", "Walker", "mine", "my-bonus", "go-explore"):
+        alone = looks_of([name])[name]
+        assert looks_of([name, *RESERVED])[name] == alone
+        assert alone.colour not in RESERVED.values()
+
+
+def test_a_board_has_the_pictures_of_its_runs(grid_7x7: list[RunRecord]) -> None:
+    results = [Result.of(record) for record in grid_7x7]
+    of_board, of_runs = plots.board_matrices(results), plots.suite_matrices(grid_7x7)
+    assert of_board.keys() == of_runs.keys()
+    for agent, matrix in of_runs["grid-7x7"].items():
+        np.testing.assert_array_equal(of_board["grid-7x7"][agent], matrix)
 
 
 def test_an_agent_has_one_colour_in_every_picture(make_record: MakeRecord) -> None:

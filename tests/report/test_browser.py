@@ -120,16 +120,23 @@ def test_an_agent_is_switched_off_in_the_table_and_the_charts(page: Any) -> None
 
 
 def test_one_switch_leaves_ordinary_agents_only(page: Any) -> None:
+    reference = page.locator("[data-choice=reference]").first
+    origins = page.locator("section:has(#origins-title) tr[data-agent] th:visible")
+    reference.select_option(label="gt-grid †")
     switch(page, "Ordinary agents only")
     assert "gt-grid †" not in agents_in(page)
     assert "ppo" in agents_in(page)
+    assert "gt-grid †" not in origins.all_inner_texts()
+    assert reference.evaluate("select => select.selectedOptions[0].text") != "gt-grid †"
     switch(page, "Ordinary agents only")
     assert "gt-grid †" in agents_in(page)
+    assert "gt-grid †" in origins.all_inner_texts()
 
 
 def test_a_pointer_on_a_curve_lights_its_agent_up_everywhere(page: Any) -> None:
     chart = page.locator("[data-kind=curve] svg.marks").first
-    chart.scroll_into_view_if_needed()
+    page.locator("#agents details").evaluate("agents => { agents.open = innerWidth > 768; }")  # it covers a phone
+    chart.evaluate("chart => chart.scrollIntoView({block: 'center'})")
     box = chart.bounding_box()
     page.mouse.move(box["x"] + box["width"] * 0.95, box["y"] + box["height"] * 0.2)
     page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + box["height"] * 0.22)

@@ -10,6 +10,7 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -279,11 +280,31 @@ def test_a_broken_file_keeps_the_last_page(make_record: MakeRecord, caplog: pyte
     assert "broken" in caplog.text
 
 
-def test_watch_needs_a_folder_with_runs(tmp_path: Path, capsys: Capture) -> None:
-    assert "There are no runs in" in refused(capsys, "watch", tmp_path)[1]
+def test_watch_needs_a_folder_or_nothing_there(tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "file").touch()
     assert "it must be a folder with runs." in refused(capsys, "watch", tmp_path / "file")[1]
-    assert "does not exist" in refused(capsys, "watch", tmp_path / "nothing")[1]
+    assert "There are no runs in" in refused(capsys, "watch", tmp_path)[1]
+
+
+def test_watch_waits_for_runs(tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    pages: list[str] = []
+    monkeypatch.setattr(ThreadingHTTPServer, "serve_forever", lambda _server: None)
+    monkeypatch.setattr("sprl_bench.report.make_server", _keeping(pages))
+    for folder in (tmp_path / "nothing", tmp_path):
+        status, _, told = call(capsys, "watch", folder, "--port", 0)
+        assert status == 0
+        assert f"There are no runs in {folder} yet. The page waits for them." in told
+        assert f"There are no runs in {folder} yet." in pages[-1]
+
+
+def _keeping(pages: list[str]) -> Callable[..., Any]:
+    """Return a maker of servers that keeps the first page of each."""
+
+    def make(page: Callable[[], str], **others: Any) -> Any:
+        pages.append(page())
+        return make_server(page, **others)
+
+    return make
 
 
 def test_an_error_is_read_from_the_runs_folder(make_record: MakeRecord, tmp_path: Path, capsys: Capture) -> None:
