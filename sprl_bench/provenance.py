@@ -149,7 +149,7 @@ def agent_code(source: str) -> str | None:
     """Return the hash of the code of an agent, or of the running script, which may change without a version.
 
     Of an agent given as "package.module:attribute" it is that of the module's file, and of an installed one that of all
-    sources of its package.
+    sources of its distribution.
 
     Args:
         source: As in `RunSpec.source`, with its module loaded; empty for the script.
@@ -174,14 +174,22 @@ def _sources(source: str) -> list[Path]:
 
 
 def _of_package(name: str) -> list[Path]:
-    """Return all sources of the package of an installed agent, none if that is this package."""
-    found = [one.module for one in metadata.entry_points(group=AGENTS) if one.name == name]
-    top = found[0].partition(".")[0] if found else ""
+    """Return all sources that an installed agent came with, none if that is this package."""
+    found = [one for one in metadata.entry_points(group=AGENTS) if one.name == name]
+    top = found[0].module.partition(".")[0] if found else ""
     if top in OWN or top not in sys.modules:
         return []
     folders = [Path(folder) for folder in getattr(sys.modules[top], "__path__", ())]
     file = getattr(sys.modules[top], "__file__", None)
-    return sorted(path for folder in folders for path in folder.rglob("*.py")) or ([Path(file)] if file else [])
+    package = [path for folder in folders for path in folder.rglob("*.py")] or ([Path(file)] if file else [])
+    return sorted({path.resolve() for path in (*package, *_listed(found[0].dist))})
+
+
+def _listed(distribution: metadata.Distribution | None) -> list[Path]:
+    """Return the sources that a distribution says it installed, its other modules too."""
+    files = (distribution.files if distribution else None) or ()
+    paths = [Path(str(file.locate())) for file in files if file.suffix == ".py"]
+    return [path for path in paths if path.exists()]
 
 
 def hardware() -> Hardware:

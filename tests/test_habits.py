@@ -316,6 +316,8 @@ def test_the_code_of_an_installed_agent_is_known(tmp_path: Path, monkeypatch: py
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: sprl-bench-habit\nVersion: 1.0\n")
     (about / "entry_points.txt").write_text("[sprl_bench.agents]\nhabit = sprl_bench_habit.agent:made\n")
+    (about / "RECORD").write_text("sprl_bench_habit/agent.py,,\nhabit_helper.py,,\nhabit_lost.py,,\n")
+    (tmp_path / "habit_helper.py").write_text("HELP = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     importlib.invalidate_caches()
     assert spec_of("habit").source == "habit"
@@ -323,7 +325,9 @@ def test_the_code_of_an_installed_agent_is_known(tmp_path: Path, monkeypatch: py
     assert before is not None
     assert before == provenance.agent_code("habit")
     (package / "rest.py").write_text("NUMBER = 2\n")  # a file that the agent imports
-    assert provenance.agent_code("habit") not in (None, before)
+    assert (now := provenance.agent_code("habit")) not in (None, before)
+    (tmp_path / "habit_helper.py").write_text("HELP = 2\n")  # a second module of the distribution
+    assert provenance.agent_code("habit") not in (None, before, now)
     assert provenance.agent_code("ppo") is None  # of this package, whose commit is known
 
 

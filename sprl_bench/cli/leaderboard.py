@@ -80,7 +80,19 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
     for line in complaints:
         typer.echo(line, err=True)
     typer.echo(f"{len(files) - len(complaints)} of {len(files)} entries are valid.")
-    return 1 if complaints else 0
+    if complaints:
+        return 1
+    for file in files:
+        if not _is_pending(file) and leaderboard.read_entry(file).evidence == "replayed":
+            typer.echo(f"{file} says that it is replayed; only sprl-bench verify, with its runs, can show that.")
+    return 0
+
+
+def _is_pending(file: Path) -> bool:
+    """Return whether a file holds pending runs rather than an entry."""
+    from sprl_bench.leaderboard.pending import FOLDER
+
+    return FOLDER in file.resolve().parts[-3:-2]
 
 
 STATUSES = ("reported", "reproduced")

@@ -63,13 +63,21 @@ def unfinished_text(drops: Sequence[Drop]) -> str:
     return f" ({', '.join(parts)})" if parts else ""
 
 
-def drops_line(planned: int, drops: Sequence[Drop]) -> str:
-    """Return the line under a table that says what is left out of how many planned runs."""
+def drops_line(planned: int, drops: Sequence[Drop], unreadable: int = 0) -> str:
+    """Return the line under a table that says what is left out of how many planned runs.
+
+    Args:
+        planned: How many runs were planned, of those that can be read.
+        drops: What is left out of them.
+        unreadable: How many folders of runs cannot be read, whatever was planned there.
+    """
     runs = f"{planned} planned run{'s' * (planned != 1)}"
+    lost = f" {unreadable} run{'s' * (unreadable != 1)} cannot be read." if unreadable else ""
     if not drops:
-        return f"Drops: none; the table has all {runs}." if planned != 1 else f"Drops: none; the table has the {runs}."
+        kept = "Drops: none of those that can be read" if unreadable else "Drops: none"
+        return f"{kept}; the table has {'all' if planned != 1 else 'the'} {runs}.{lost}"
     parts = [_part(reason, [one for one in drops if one.reason == reason]) for reason in REASONS]
-    return f"Drops: {len(drops)} of {runs}: {'; '.join(filter(None, parts))}."
+    return f"Drops: {len(drops)} of {runs}: {'; '.join(filter(None, parts))}.{lost}"
 
 
 def _part(reason: str, drops: Sequence[Drop]) -> str:

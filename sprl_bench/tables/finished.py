@@ -15,6 +15,7 @@ from sprl_bench.tables.table import NONE, REMEDY, Table, lost_tables, tabulate
 from sprl_bench.tasks import SUITES
 
 NO_FAULTS: Final[Mapping[str, str]] = MappingProxyType({})
+NO_COUNTS: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def tabulate_finished(
@@ -26,6 +27,7 @@ def tabulate_finished(
     allow_missing: bool = False,
     statuses: Mapping[Path, str] = NONE,
     broken: Mapping[str, str] = NO_FAULTS,
+    unreadable: Mapping[str, int] = NO_COUNTS,
 ) -> tuple[list[Table], list[str]]:
     """Return the tables of the suites of which nothing is missing, and a sentence for each other suite.
 
@@ -37,6 +39,7 @@ def tabulate_finished(
         allow_missing: As for `tabulate`: then all that is missing is noted below the tables.
         statuses: As for `tabulate`.
         broken: By suite, why a run of it cannot be read; such a suite has a table only if runs may be missing.
+        unreadable: By suite, how many runs cannot be read.
 
     Raises:
         ValueError: A task or an agent is unknown.
@@ -65,6 +68,7 @@ def tabulate_finished(
         except (MissingRunsError, IncomparableError) as error:
             sentences.append(str(error))
         else:
+            table = table.model_copy(update={"unreadable": unreadable.get(own[0].suite, 0)})
             tables.append(_noted(table, [fault]))
     if allow_missing and tables:
         tables[-1], sentences = _noted(tables[-1], sentences), []

@@ -133,7 +133,7 @@ def footnotes(table: Table) -> list[str]:
         *explained((row.privileged, row.information) for row in table.rows),
         *([PARTIAL] if not all(row.complete for row in table.rows) else []),
         *table.notes,
-        drops_line(table.planned, table.drops),
+        drops_line(table.planned, table.drops, table.unreadable),
     ]
 
 

@@ -100,6 +100,7 @@ class Table(Data):
     notes: tuple[str, ...]
     planned: int = Field(description="How many runs there should be: agents x tasks x seeds.")
     drops: tuple[Drop, ...] = ()
+    unreadable: int = Field(default=0, description="How many runs of the suite cannot be read.")
 
     def to_frame(self) -> DataFrame:
         """Return the numbers as a pandas data frame, one row a number.

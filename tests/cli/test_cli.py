@@ -279,6 +279,10 @@ def test_the_way_of_an_entry(capsys: Capture, runs: Path, tmp_path: Path) -> Non
     assert call(capsys, *add, "--replace", "--status", "reproduced")[0] == 0
 
     assert call(capsys, "leaderboard", "validate", path) == (0, "1 of 1 entries are valid.\n", "")
+    path.write_text(path.read_text().replace('"evidence": "recorded"', '"evidence": "replayed"'))
+    out = call(capsys, "leaderboard", "validate", path)[1]
+    assert out.endswith("says that it is replayed; only sprl-bench verify, with its runs, can show that.\n")
+    path.write_text(path.read_text().replace('"evidence": "replayed"', '"evidence": "recorded"'))
     _, shown, _ = call(capsys, "leaderboard", "show", "--home", home, "--format", "md")
     assert "| ppo | 5 |" in shown
     assert "ppo: reproduced, recorded; Ada L.; https://example.org" in shown

@@ -63,6 +63,7 @@ def test_a_broken_run_of_the_suite_itself_is_noted_below_its_table(capsys: Captu
     status, printed, _ = call(capsys, "table", runs, "--allow-missing", "--format", "md", "--suite", "grid-7x7")
     assert status == 0
     assert "1 run is missing: FourRooms-7x7/ppo/seed-4" in printed
+    assert "1 run cannot be read." in printed.splitlines()[-1]
     assert f"{folder}/{RECORD}:1: " in printed
 
 
