@@ -5,6 +5,11 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import numpy as np
+from PIL import Image
+
+from sprl_bench import leaderboard, plots
+
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -34,3 +39,12 @@ def test_a_verdict_never_contradicts_its_interval() -> None:
             low, high = (float(end) for end in line[line.index("[") + 1 : line.index("]")].split(", "))
             expected = "supported" if low > 0 else "contradicted" if high < 0 else "not decided"
             assert f"| {expected} |" in line
+
+
+def test_the_picture_of_the_board_is_that_of_its_entries(tmp_path: Path) -> None:
+    """If this fails: sprl-bench leaderboard plot grid-7x7 -o docs/grid-7x7.png."""
+    drawn = tmp_path / "board.png"
+    plots.plot_results([one for entry in leaderboard.find_board("grid-7x7") for one in entry.results()], drawn)
+    ours, published = (np.asarray(Image.open(path).convert("RGB"), float) for path in (drawn, DOCS / "grid-7x7.png"))
+    assert ours.shape == published.shape
+    assert np.abs(ours - published).mean() < 1  # of 255: letters may be smoothed in another way
