@@ -16,7 +16,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from gymnasium.envs.registration import make_vec
@@ -33,6 +33,7 @@ from sprl_bench.recorder.tape import Head, Tape
 from sprl_bench.records import RunRecord, RunSpec, write, write_bytes
 from sprl_bench.records.folder import (
     ACTIONS,
+    APPEND,
     CHECKPOINT,
     ERROR,
     METRICS,
@@ -46,8 +47,6 @@ from sprl_bench.resume import find_finished, load_checkpoint, other_build
 from sprl_bench.sinks import NoSink, Sink, make_sink
 
 logger = logging.getLogger("sprl_bench")
-
-APPEND: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 
 
 class InterruptedRunError(RuntimeError):

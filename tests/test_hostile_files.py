@@ -5,8 +5,10 @@ A case is a name, the kind of file, and how it is made from a sound one; `HARM_J
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import struct
 import sys
 import zlib
@@ -21,12 +23,13 @@ import pytest
 from cli_calls import Capture, call
 from sprl_bench import checkpoint, leaderboard, records
 from sprl_bench.records import RunRecord, RunSpec
-from sprl_bench.records.folder import ACTIONS, CHECKPOINT, EPISODES, METRICS, RECORD, SPEC, WEIGHTS
+from sprl_bench.records.folder import ACTIONS, CHECKPOINT, EPISODES, LOCK, METRICS, RECORD, SPEC, WEIGHTS
 from sprl_bench.run import run
 from sprl_bench.suite import expand
 from sprl_bench.tasks import find_suite
 
 Change = Callable[[bytes], bytes]
+MakeRecord = Callable[..., RunRecord]
 ABOUT: Final = {"authors": ["Ada"], "link": "https://example.org/a"}
 
 
@@ -310,6 +313,69 @@ def test_what_is_no_file_is_refused(kind: str, special: str, sound: World, capsy
     finally:
         path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
         aside.rename(path)
+
+
+@pytest.fixture
+def two_runs(make_record: MakeRecord, tmp_path: Path) -> tuple[Path, Path]:
+    """A folder with a finished run and one that has only begun, and the folder of that one."""
+    root = tmp_path / "runs"
+    done, begun = make_record("ppo", suite="smoke"), make_record("ppo", seed=1, suite="smoke").spec
+    records.write(done.spec.path(root) / RECORD, done)
+    records.write(begun.path(root) / SPEC, begun)
+    (begun.path(root) / "error.txt").write_text("RuntimeError: out of luck\n")
+    return root, begun.path(root)
+
+
+@contextlib.contextmanager
+def within(seconds: int) -> Iterator[None]:
+    """Fail if the block takes longer, as one that waits for a pipe does."""
+
+    def fail(*_: object) -> None:
+        raise TimeoutError(f"still there after {seconds} seconds")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("name", [METRICS, LOCK, "error.txt"])
+@pytest.mark.parametrize("special", ["fifo", "device"])
+def test_a_pipe_in_a_run_that_has_begun_stops_no_other(
+    name: str, special: str, two_runs: tuple[Path, Path], capsys: Capture, tmp_path: Path
+) -> None:
+    root, begun = two_runs
+    (begun / name).unlink(missing_ok=True)
+    os.mkfifo(begun / name) if special == "fifo" else (begun / name).symlink_to("/dev/zero")
+    for words in (
+        ["status", root],
+        ["table", root, "--allow-missing"],
+        ["report", root, "-o", tmp_path / "report.html", "--allow-missing"],
+    ):
+        with within(30):
+            status, out, err = call(capsys, *words)
+        assert "Traceback" not in out + err
+        assert status == 0 or words[0] == "status", err
+        assert {"status": "1 finished", "table": "ppo"}.get(words[0], "") in out
+        if name == METRICS:
+            page = (tmp_path / "report.html").read_text() if words[0] == "report" else ""
+            assert "is not a regular file" in out + err + page
+
+
+@pytest.mark.parametrize("name", [METRICS, LOCK, "output.txt"])
+def test_a_run_does_not_wait_for_a_pipe(name: str, capsys: Capture, tmp_path: Path) -> None:
+    words = ["run", "--suite", "smoke", "--agents", "random", "--seeds", 1, "--budget", 500, "--workers", 1]
+    folder = tmp_path / "runs" / "custom" / "FourRooms-7x7-500" / "random" / "seed-0"
+    folder.mkdir(parents=True)
+    os.mkfifo(folder / name)
+    with within(60):
+        status, out, err = call(capsys, *words, "--out", tmp_path / "runs")
+    assert status == 1, out
+    assert f"{folder / name} is not a regular file; it must be one." in err
+    assert "Traceback" not in err
 
 
 BLOCK: Final = struct.Struct("<cI")

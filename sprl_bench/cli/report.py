@@ -129,11 +129,16 @@ def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source
 
 def _progress(runs: Path, state: RunState) -> Progress:
     """Return the progress of a run with the last line of its error, if it failed."""
+    from sprl_bench.records import InvalidFileError
+    from sprl_bench.records.files import read_bytes
     from sprl_bench.records.folder import ERROR
     from sprl_bench.report import Progress
 
     path = state.spec.path(runs) / ERROR
-    text = path.read_text(encoding="utf-8", errors="replace") if state.status == "failed" and path.exists() else ""
+    try:
+        text = read_bytes(path).decode(errors="replace") if state.status == "failed" else ""
+    except (InvalidFileError, FileNotFoundError) as error:
+        text = str(error)
     last = (text.strip().splitlines() or [""])[-1]
     return Progress(state.spec, state.status, state.env_steps, state.seconds_left, last[:300])
 

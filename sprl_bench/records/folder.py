@@ -9,6 +9,7 @@ import functools
 import logging
 import os
 import socket
+import stat
 import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -72,18 +73,27 @@ def find_folders(root: Path, names: Collection[str], on_error: Callable[[OSError
     return sorted(found)
 
 
+APPEND: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+
+
 def open_own(path: Path, flags: int) -> int:
-    """Open a file of a run's folder, and return its descriptor. A link is never followed.
+    """Open a file of a run's folder, and return its descriptor. A link is never followed, and a pipe is not waited for.
 
     Raises:
-        LinkedFileError: The file is a link.
+        IrregularFileError: It is a link, a pipe or a device.
     """
     try:
-        return os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
     except OSError as error:
+        if error.errno == errno.ENXIO:  # a pipe that nobody reads
+            raise IrregularFileError(f"{path} is not a regular file; it must be one.") from None
         if error.errno != errno.ELOOP:
             raise
-        raise LinkedFileError(f"{path} is a link; it must be a file. A run's whole folder may be a link.") from None
+        raise IrregularFileError(f"{path} is a link; it must be a file. A run's whole folder may be a link.") from None
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise IrregularFileError(f"{path} is not a regular file; it must be one.")
+    return descriptor
 
 
 def seeds_beside(folder: Path) -> list[Path]:
@@ -91,8 +101,8 @@ def seeds_beside(folder: Path) -> list[Path]:
     return sorted(folder.parent.glob(run_path("", "", "", "*").name))
 
 
-class LinkedFileError(OSError):
-    """A file inside a run's folder is a link to somewhere else."""
+class IrregularFileError(OSError):
+    """A file inside a run's folder is a link to somewhere else, a pipe or a device."""
 
 
 class LockedError(RuntimeError):
@@ -150,7 +160,7 @@ def is_locked(folder: Path) -> bool | None:
     """Return whether a process works in this folder; None if the file may not be read, or cannot be locked."""
     try:
         descriptor = open_own(folder / LOCK, os.O_RDONLY)
-    except (FileNotFoundError, LinkedFileError):  # taken as not locked
+    except (FileNotFoundError, IrregularFileError):  # taken as not locked
         return False
     except PermissionError:
         return None

@@ -17,6 +17,7 @@ from sprl_bench.executors import Executor, WorkerDiedError
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, differences, read, write, write_bytes
 from sprl_bench.records.files import printable
 from sprl_bench.records.folder import (
+    APPEND,
     CHECKPOINT,
     ERROR,
     OUTPUT,
@@ -25,6 +26,7 @@ from sprl_bench.records.folder import (
     LockedError,
     is_locked,
     lock,
+    open_own,
     seeds_beside,
     tidy,
 )
@@ -166,7 +168,7 @@ def _attempt(spec: RunSpec, out: Path, log: str, keep_actions: bool) -> Outcome:
 def _output_to(path: Path) -> Iterator[None]:
     """Redirect all output of this process, compiled code included, to a file; remove it if it stays empty."""
     saved = [os.dup(descriptor) for descriptor in (1, 2)]
-    with path.open("ab") as file:
+    with os.fdopen(open_own(path, APPEND), "ab") as file:
         for descriptor in (1, 2):
             os.dup2(file.fileno(), descriptor)
     try:

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.diagnostics import parse_line
-from sprl_bench.records.files import OnBroken, refuse
+from sprl_bench.records.files import OnBroken, refuse, require_regular
 from sprl_bench.records.folder import ERROR, METRICS, RECORD, SPEC, find_folders, is_locked
 
 TAIL_BYTES: Final = 1 << 15
@@ -135,8 +135,13 @@ def _progress(lines: Sequence[Mapping[str, Any]]) -> tuple[int, float]:
 
 
 def _last_lines(path: Path) -> list[dict[str, Any]]:
-    """Return the whole lines of the last kilobytes; the very last one may not be written to its end."""
+    """Return the whole lines of the last kilobytes; the very last one may not be written to its end.
+
+    Raises:
+        InvalidFileError: It is no regular file.
+    """
     try:
+        require_regular(path)
         with path.open("rb") as file:
             start = max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES)
             file.seek(start)
