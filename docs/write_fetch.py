@@ -53,12 +53,12 @@ HEAD: Final = """# Fetch: what the numbers say
 
 The suite `fetch-sparse` has four tasks with a reward of 1 at the goal, which ends the episode, and 0 elsewhere. An
 action lasts a tenth (Reach) to a half of what it lasts in Gymnasium-Robotics, so chance finds the goal rarely. Budgets
-are 1,000,000 env steps on Reach and 600,000 on the others. All agents share one frame ([how it was
-chosen](../notes/fetch-frame.md)) and take the paper's values of Table 5 where it has them. It has none for `rnd` and
-`gt-grid`: theirs are ours. `@scaled` fits the network's schedule to the budget. A pilot came first
-([pilot](../notes/fetch-pilot.md)).
+are 1,000,000 env steps on Reach and 600,000 on the others. All agents share one frame
+([how it was chosen](../notes/fetch-frame.md); [pilot](../notes/fetch-pilot.md)) and take the paper's values of Table 5
+where it has them. It has none for `rnd` and `gt-grid`: theirs are ours. `@scaled` fits the network's schedule to the
+budget. † marks a privileged agent.
 
-`python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs. † marks a privileged agent.
+`python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs.
 """
 OPEN: Final = """
 Whether the score of `sprl` is due to the method or to Table 5's values, we do not know before all rows of FetchReach
@@ -287,7 +287,7 @@ def missing(runs: Sequence[Run]) -> Iterator[str]:
 def cost(runs: Sequence[Run]) -> Iterator[str]:
     """Yield what the runs took."""
     yield "## Cost\n"
-    yield "Core-hours, on machines that other work shared:\n"
+    yield "Core-hours, beside other work:\n"
     yield "| machine | runs | hours |"
     yield "|---|---:|---:|"
     for machine in sorted({run.machines for run in runs}):
