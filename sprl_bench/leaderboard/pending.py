@@ -59,18 +59,19 @@ def run_key(spec: RunSpec) -> RunKey:
     return spec.suite, spec.task.name, spec.agent, spec.seed
 
 
-def pending_path(home: Path, suite: str, agent: str) -> Path:
+def pending_path(home: str | Path, suite: str, agent: str) -> Path:
     """Return the path of the pending runs of an agent, below the folder of all boards."""
-    return home / FOLDER / suite / f"{agent}.json"
+    return Path(home) / FOLDER / suite / f"{agent}.json"
 
 
-def read_pending(path: Path) -> PendingEntry:
+def read_pending(path: str | Path) -> PendingEntry:
     """Read such a file and check its content and its path.
 
     Raises:
         InvalidFileError: It is invalid; the message names the file and the error.
         FileNotFoundError: There is no such file.
     """
+    path = Path(path)
     pending = read(path, PendingEntry)
     place = pending_path(Path(), pending.suite, pending.agent)
     if path.resolve().parts[-3:] != place.parts:
@@ -82,20 +83,21 @@ def read_pending(path: Path) -> PendingEntry:
     return pending
 
 
-def find_pending(folder: Path) -> list[PendingEntry]:
+def find_pending(folder: str | Path) -> list[PendingEntry]:
     """Read all such files in a folder `pending` or below one, in the order of their paths.
 
     Raises:
         InvalidFileError: One of them is invalid.
         FileNotFoundError: There is no such folder.
     """
+    folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder} is no folder of pending runs.")
     paths = sorted(path for path in folder.resolve().rglob("*.json") if path.parts[-3] == FOLDER)
     return [read_pending(path) for path in paths]
 
 
-def add_pending(records: Iterable[RunRecord], home: Path, *, agent: str, suite: str | None = None) -> list[Path]:
+def add_pending(records: Iterable[RunRecord], home: str | Path, *, agent: str, suite: str | None = None) -> list[Path]:
     """Merge the finished runs of an agent into its pending runs, and return the paths of the files.
 
     Args:
@@ -114,7 +116,7 @@ def add_pending(records: Iterable[RunRecord], home: Path, *, agent: str, suite: 
     if not mine:
         raise ValueError(f"agent is {agent!r}; it must have a finished run of {suite or 'a published suite'}.")
     suites = sorted({record.spec.suite for record in mine})
-    return [_merge([one for one in mine if one.spec.suite == name], home) for name in suites]
+    return [_merge([one for one in mine if one.spec.suite == name], Path(home)) for name in suites]
 
 
 def _merge(records: Sequence[RunRecord], home: Path) -> Path:

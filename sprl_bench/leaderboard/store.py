@@ -44,12 +44,12 @@ def own_home() -> Path:
     return folder
 
 
-def entry_path(folder: Path, suite: str, agent: str) -> Path:
+def entry_path(folder: str | Path, suite: str, agent: str) -> Path:
     """Return the path of an entry below the folder of all boards."""
-    return folder / suite / f"{agent}.json"
+    return Path(folder) / suite / f"{agent}.json"
 
 
-def read_entry(path: Path) -> Entry:
+def read_entry(path: str | Path) -> Entry:
     """Read an entry and check its content, its suite and its path.
 
     Raises:
@@ -57,6 +57,7 @@ def read_entry(path: Path) -> Entry:
         InvalidFileError: It is invalid; the message names the file, the line and the error.
         FileNotFoundError: There is no such file.
     """
+    path = Path(path)
     entry = read(path, Entry)
     try:
         check_suite(entry)

@@ -169,3 +169,16 @@ def test_a_known_run_of_another_spec_is_refused(tmp_path: Path, make_record: Mak
     assert leaderboard.split_known([spec, next_seed], [known]) == ([next_seed], list(known.runs))
     with pytest.raises(IncomparableError, match="but as another run: num_envs: 12 on disk, 3 now"):
         leaderboard.split_known([other], [known])
+
+
+def test_paths_may_be_strings(make_record: MakeRecord, tmp_path: Path) -> None:
+    home = str(tmp_path)
+    [path] = leaderboard.add_pending([make_record("ppo")], home, agent="ppo")
+    assert leaderboard.read_pending(str(path)) == leaderboard.find_pending(home)[0]
+    assert leaderboard.pending_path(home, "smoke", "ppo") == tmp_path / "pending" / "smoke" / "ppo.json"
+    assert leaderboard.entry_path(home, "smoke", "ppo") == tmp_path / "smoke" / "ppo.json"
+    board = Path(__file__).parents[2] / "leaderboards" / "grid-7x7"
+    assert leaderboard.read_entry(str(board / "ppo.json")).agent == "ppo"
+    for name in leaderboard.__all__:
+        kinds = getattr(getattr(leaderboard, name), "__annotations__", {})
+        assert "Path" not in [kind for part, kind in kinds.items() if part != "return"], name
