@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import socket
 import time
 from collections.abc import Callable, Sequence
 from types import FrameType
@@ -16,6 +17,7 @@ from sprl_bench.records import RunSpec
 
 POLL_S: Final = 1.0  # seconds between two looks at what has ended
 PATIENCE_S: Final = 120.0  # with a run that was asked to stop: one update and one checkpoint
+ANSWER_S: Final = 10.0  # for the first answer of a cluster's head
 CLUSTER = "slurm"  # "local": submitit's stand-in on this machine
 LOGS: Final = "slurm-logs"
 
@@ -40,11 +42,13 @@ class RayExecutor(Executor):
         super().__init__(workers, resources)
         self._ray = require_extra("ray")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+        _refuse_silent(os.environ.get("RAY_ADDRESS", ""))
         try:
             self._ray.init("auto", ignore_reinit_error=True, log_to_driver=False, logging_level="error")
         except ConnectionError:
             raise NoClusterError(
-                "executor is 'ray', but no cluster answers; start one with `ray start --head`, or set RAY_ADDRESS."
+                "executor is 'ray', but no cluster answers; start one with `ray start --head`, or set RAY_ADDRESS. A "
+                "cluster that asks for a token needs the same one here."
             ) from None
         self._remote = self._ray.remote(_call)  # Ray takes functions alone, not everything that can be called
 
@@ -79,6 +83,23 @@ class RayExecutor(Executor):
         _, left = self._ray.wait(list(calls), num_returns=len(calls), timeout=PATIENCE_S)
         for task in left:
             self._ray.cancel(task, force=True)
+
+
+def _refuse_silent(address: str) -> None:
+    """Refuse an address, as HOST:PORT, where nothing listens: Ray would wait for minutes.
+
+    Raises:
+        NoClusterError: Nothing listens there.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or "/" in address or not port.isdecimal():
+        return  # Ray knows other forms
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=ANSWER_S).close()
+    except (OSError, OverflowError) as error:
+        raise NoClusterError(
+            f"RAY_ADDRESS is {address!r}, but no cluster answers there ({error}); it must be that of a running head."
+        ) from None
 
 
 def _call(function: Callable[[RunSpec], Any], spec: RunSpec) -> Any:

@@ -176,6 +176,19 @@ def test_without_a_cluster_one_sentence_says_how_to_get_one(tmp_path: Path) -> N
     assert done.returncode == 1
     lines = [line for line in done.stderr.splitlines() if line.startswith("sprl-bench: ")]
     assert lines == [
-        "sprl-bench: executor is 'ray', but no cluster answers; start one with `ray start --head`, or set RAY_ADDRESS."
+        "sprl-bench: executor is 'ray', but no cluster answers; start one with `ray start --head`, or set RAY_ADDRESS. "
+        "A cluster that asks for a token needs the same one here."
     ]
     assert not list(tmp_path.rglob(RECORD))
+
+
+def test_an_address_where_nothing_listens_is_named_at_once(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    nowhere = {**os.environ, "RAY_TMPDIR": str(tmp_path), "RAY_ADDRESS": address}
+    begun = time.monotonic()
+    done = run_command(tmp_path, nowhere, "--agents", "random", "--seeds", "1", "--executor", "ray")
+    assert time.monotonic() - begun < 60  # Ray itself waits for minutes
+    assert done.returncode == 1
+    assert f"sprl-bench: RAY_ADDRESS is '{address}', but no cluster answers there" in done.stderr
+    assert "Traceback" not in done.stderr
