@@ -386,6 +386,14 @@ def block(letter: bytes, content: bytes) -> bytes:
     return BLOCK.pack(letter, len(compressed)) + compressed
 
 
+def padded(content: bytes) -> bytes:
+    """Return a tape of which the first block has three bytes after its content."""
+    line, _, rest = content.partition(b"\n")
+    letter, length = BLOCK.unpack_from(rest)
+    end = BLOCK.size + length
+    return line + b"\n" + BLOCK.pack(letter, length + 3) + rest[BLOCK.size : end] + b"abc" + rest[end:]
+
+
 def head(**changes: Any) -> Change:
     """Return the change of a tape's head."""
 
@@ -429,6 +437,9 @@ TAPES: Final[dict[str, Change]] = {
     "reset-with-a-path": instead(block(b"R", b'[-1, "../x", null]')),
     "reset-with-a-mask-of-one": instead(block(b"R", b"[-1, null, [true]]")),
     "reset-nested": instead(block(b"R", b"[" * 100_000)),
+    "key-twice": lambda content: content.replace(b'"format"', b'"format":1,"format"', 1),
+    "a-large-head": lambda content: content.replace(b"{", b"{" + b" " * 10**6, 1),
+    "more-than-its-content": padded,
     "close-of-a-far-one": instead(block(b"C", b"[4294967295]")),
 }
 

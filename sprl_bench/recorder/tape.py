@@ -24,6 +24,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from sprl_bench.records import Data
 from sprl_bench.records.files import first_complaint
+from sprl_bench.records.places import find_duplicate
 
 Array = npt.NDArray[Any]
 
@@ -31,6 +32,7 @@ FORMAT: Final = 1
 BLOCK: Final = struct.Struct("<cI")  # letter and length
 PENDING: Final = 4_096  # calls of step in one block
 LARGEST: Final = 2**28  # bytes of a block
+LARGEST_HEAD: Final = 2**16  # bytes of the first line
 MOST_ENVS: Final = 2**20
 
 
@@ -224,10 +226,14 @@ def read_tape(path: Path) -> tuple[Head, Iterator[Event]]:
         UnfitForTapeError: The file is not a tape, or is broken; for later blocks, while they are read.
     """
     line, _, rest = path.read_bytes().partition(b"\n")
+    if len(line) > LARGEST_HEAD:
+        raise UnfitForTapeError(f"{path} does not begin like a tape of actions: its head has {len(line):,} bytes.")
     try:
         head = Head.model_validate_json(line)
     except ValidationError as error:
         raise UnfitForTapeError(f"{path} does not begin like a tape of actions: {first_complaint(error)}.") from None
+    if twice := find_duplicate(line.decode()):
+        raise UnfitForTapeError(f"{path} does not begin like a tape of actions: {twice[-1]} is given twice.")
     if head.format != FORMAT:
         raise UnfitForTapeError(f"{path} has the format {head.format}; it must be {FORMAT}.")
     return head, _events(path, head, rest)
@@ -254,6 +260,8 @@ def _inflate(compressed: bytes) -> bytes:
     content = inflater.decompress(compressed, LARGEST)
     if not inflater.eof:
         raise ValueError("a block is cut off or too large")
+    if inflater.unused_data:
+        raise ValueError("a block has more than its content")
     return content
 
 
