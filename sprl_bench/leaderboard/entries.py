@@ -21,8 +21,10 @@ NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")  # every run has loaded them
 
 
 def _link(text: str) -> str:
-    if not re.fullmatch(r"https?://[^\s/]+\.[^\s]+", text):
-        raise ValueError(f"{text!r} is not a link: https://, or http://, then a host with a dot in it, and no spaces")
+    if not re.fullmatch(r"https?://[^\s/@\"'<>]+\.[^\s\"'<>]+", text) or "@" in text.split("/")[2]:
+        raise ValueError(
+            f"{text!r} is not a link: https://, or http://, then a host with a dot in it; no user, spaces, quotes or <>"
+        )
     return text
 
 

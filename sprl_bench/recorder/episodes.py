@@ -201,13 +201,14 @@ class EpisodeLog:
         """Take such a state of a log with the same number of sub-environments.
 
         Raises:
-            ValueError: That number differs.
+            ValueError: That number differs, or a value cannot be that of such a log.
         """
         if len(state["sums"]) != self.num_envs:
             raise ValueError(f"The state is of {len(state['sums'])} sub-environments; this log has {self.num_envs}.")
         for name in ARRAYS:
             if np.shape(state[name]) != (self.num_envs,):
                 raise ValueError(f"{name} has the shape {np.shape(state[name])}; it must be ({self.num_envs},).")
+        self._check_ranges(state)
         self.env_steps, self.abandoned = int(state["env_steps"]), int(state["abandoned"])
         for name in ARRAYS:
             setattr(self, f"_{name}", np.array(state[name]))
@@ -216,3 +217,14 @@ class EpisodeLog:
         self._rows = np.empty(max(1024, self._count), EPISODE)
         for name in EPISODE.names or ():
             self._rows[name][: self._count] = columns[name]
+
+    def _check_ranges(self, state: Mapping[str, Any]) -> None:
+        """Refuse steps beyond the budget, and episodes of no sub-environment or after the last step."""
+        steps, episodes = int(state["env_steps"]), state["episodes"]
+        for name, values, most in (
+            ("env_steps", steps, self.budget + self.num_envs),
+            ("an episode's env", episodes["env"], self.num_envs - 1),
+            ("an episode's stamp", episodes["stamp"], steps),
+        ):
+            if np.size(values) and not 0 <= np.min(values) <= np.max(values) <= most:
+                raise ValueError(f"{name} is outside of 0 to {most}")

@@ -24,7 +24,13 @@ from sprl_bench.suggestions import did_you_mean
 
 SHOWN_LETTERS = 80
 MARKS: Final = MappingProxyType(
-    {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
+    {
+        codecs.BOM_UTF8: "UTF-8",
+        codecs.BOM_UTF32_LE: "UTF-32",  # begins with the next one
+        codecs.BOM_UTF16_LE: "UTF-16",
+        codecs.BOM_UTF32_BE: "UTF-32",
+        codecs.BOM_UTF16_BE: "UTF-16",
+    }
 )
 LARGEST: Final = 2**26  # bytes of a file that is read; a record has about 10,000
 OURS = "Value error, "  # pydantic puts this before our own sentences

@@ -378,3 +378,27 @@ def test_single_environments_of_one_log_are_counted_in_the_order_of_their_steps(
             if terminated or truncated:
                 single.reset()
     assert [row[:2] for row in rows(log)] == [(3, 0), (6, 1), (8, 1), (9, 0)]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("env_steps", 2**40), ("env_steps", -1), ("env", 2), ("env", -1), ("stamp", 10**6)]
+)
+def test_a_state_that_no_log_can_have_is_refused(name: str, value: int) -> None:
+    log = EpisodeLog(2, 100)
+    log.load_state_dict(EpisodeLog(2, 100).state_dict())
+    state = EpisodeLog(2, 100).state_dict()
+    state["env_steps"] = 10
+    state["episodes"] = {
+        "stamp": np.array([4]),
+        "env": np.array([1]),
+        "return": np.array([1.0]),
+        "length": np.array([2]),
+        "success": np.array([True]),
+    }
+    log.load_state_dict(state)
+    before = log.state_dict()
+    part = state if name == "env_steps" else state["episodes"]
+    part[name] = value if name == "env_steps" else np.array([value])
+    with pytest.raises(ValueError, match=f"{name} is outside of 0 to"):
+        log.load_state_dict(state)
+    assert log.env_steps == before["env_steps"] == 10
