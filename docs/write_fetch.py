@@ -54,9 +54,9 @@ HEAD: Final = """# Fetch: what the numbers say
 The suite `fetch-sparse` has four tasks with a reward of 1 at the goal, which ends the episode, and 0 elsewhere. An
 action lasts a tenth (Reach) to a half of what it lasts in Gymnasium-Robotics, so chance finds the goal rarely. Budgets
 are 1,000,000 env steps on Reach and 600,000 on the others. All agents share one frame
-([how it was chosen](../notes/fetch-frame.md); [pilot](../notes/fetch-pilot.md)) and take the paper's values of Table 5
-where it has them. It has none for `rnd` and `gt-grid`: theirs are ours. `@scaled` fits the network's schedule to the
-budget. † marks a privileged agent.
+([choice](../notes/fetch-frame.md); [pilot](../notes/fetch-pilot.md)) and take the paper's values of Table 5; those of
+`rnd` and `gt-grid`, which it lacks, are ours. `@scaled` fits the network's schedule to the budget.
+† marks a privileged agent.
 
 `python docs/write_fetch.py docs/fetch.md` computes this page from the finished runs.
 """
@@ -66,7 +66,8 @@ are there."""
 READING: Final = """\
 *AUC* is the area under the learning curve, *final* the success in the last tenth, each the mean of five seeds. *To .5*
 is the median of the env steps until a hundredth of the budget has a success of .5. *Minus `ppo`* is the difference in
-AUC, bold if its 95 % interval excludes 0; with five seeds that is only a hint ([why](scores.md#confidence-intervals)).
+AUC, bold if its 95 % interval excludes 0; with five seeds, one that barely does so is only a hint
+([why](scores.md#confidence-intervals)).
 """
 
 
@@ -208,7 +209,7 @@ def other_values(runs: Sequence[Run]) -> Iterator[str]:
 def pace(runs: Sequence[Run]) -> str:
     """Return how many seeds of SPRL learn Reach as fast as PPO, and how many late or never."""
     slowest = max(time_to_half(run) for run in chosen(runs, "ppo", REACH))
-    half = find_suite(SUITE).tasks[0].budget / 2
+    half = next(task.budget for task in find_suite(SUITE).tasks if task.name == REACH) / 2
     agents = ["sprl", *(agent for agent in OTHER_VALUES if agent.startswith("sprl"))]
     times = [time_to_half(run) for agent in agents for run in chosen(runs, agent, REACH)]
     fast, late = sum(time <= slowest for time in times), sum(time > half for time in times)
@@ -230,9 +231,9 @@ def inside() -> Iterator[str]:
         return
     yield "## Inside the agents with a reachability network\n"
     yield textwrap.fill(
-        f"{REACH}, means over the seeds whose diagnostics were kept. *Trusted at*: the env steps from which it is "
-        "used. *Charged*: the share of steps that SPRL calls a violation. *Bonus* of a mean step and *goal*, both "
-        "normalised, in the last tenth.",
+        f"{REACH}, means over the seeds whose diagnostics were kept. *Trusted at*: the env steps from which the "
+        "network is used. *Charged*: the share of steps that SPRL calls a violation. *Bonus*: of a mean step; *goal*: "
+        "its reward after normalisation; both in the last tenth.",
         width=120,
     )
     yield ""

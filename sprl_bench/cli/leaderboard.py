@@ -75,6 +75,7 @@ def _pending_tables(home: Path, suite: str | None) -> list[Table]:
 def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> int:
     """Check entries; one line on stderr for each invalid one."""
     from sprl_bench import leaderboard
+    from sprl_bench.leaderboard.pending import is_pending
 
     complaints = leaderboard.validate(files)
     for line in complaints:
@@ -83,16 +84,9 @@ def validate(files: Annotated[list[Path], typer.Argument(help="Entries.")]) -> i
     if complaints:
         return 1
     for file in files:
-        if not _is_pending(file) and leaderboard.read_entry(file).evidence == "replayed":
+        if not is_pending(file) and leaderboard.read_entry(file).evidence == "replayed":
             typer.echo(f"{file} says that it is replayed; only sprl-bench verify, with its runs, can show that.")
     return 0
-
-
-def _is_pending(file: Path) -> bool:
-    """Return whether a file holds pending runs rather than an entry."""
-    from sprl_bench.leaderboard.pending import FOLDER
-
-    return FOLDER in file.resolve().parts[-3:-2]
 
 
 STATUSES = ("reported", "reproduced")

@@ -21,7 +21,7 @@ NEEDED_VERSIONS = ("python", "numpy", "sprl-bench")  # every run has loaded them
 
 
 def _link(text: str) -> str:
-    if not re.fullmatch(r"https?://[^\s/@\"'<>]+\.[^\s\"'<>]+", text) or "@" in text.split("/")[2]:
+    if not re.fullmatch(r"https?://[^\s/@\"'<>]+\.[^\s/@\"'<>]+(/[^\s\"'<>]*)?", text):
         raise ValueError(
             f"{text!r} is not a link: https://, or http://, then a host with a dot in it; no user, spaces, quotes or <>"
         )
@@ -171,7 +171,7 @@ class Entry(Data):
         for number, task in enumerate(self.tasks):
             for package in task.versions:
                 if package not in self.versions:
-                    raise ValueError(f"tasks[{number}].versions has {package}, and the entry's versions have not")
+                    raise ValueError(f"tasks[{number}].versions has {package}, which the entry's versions lack")
             for package in SCORED_PACKAGES:
                 text = self._versions_of(task).get(package, "")
                 if "," in text:

@@ -64,6 +64,11 @@ def pending_path(home: str | Path, suite: str, agent: str) -> Path:
     return Path(home) / FOLDER / suite / f"{agent}.json"
 
 
+def is_pending(path: Path) -> bool:
+    """Return whether a file's place is one of pending runs, and not of an entry."""
+    return FOLDER in path.resolve().parts[-3:-2]
+
+
 def read_pending(path: str | Path) -> PendingEntry:
     """Read such a file and check its content and its path.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sprl_bench.durations import duration
 from sprl_bench.leaderboard.entries import Entry
-from sprl_bench.leaderboard.pending import FOLDER, read_pending
+from sprl_bench.leaderboard.pending import FOLDER, is_pending, read_pending
 from sprl_bench.leaderboard.submission import check_suite
 from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.shipped import find_shipped
@@ -143,7 +143,7 @@ def validate(paths: Iterable[str | Path]) -> list[str]:
     complaints = []
     for path in map(Path, paths):
         try:
-            if FOLDER in path.resolve().parts[-3:-2]:
+            if is_pending(path):
                 read_pending(path)
             else:
                 _check_beside(read_entry(path), path)

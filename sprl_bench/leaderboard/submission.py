@@ -119,7 +119,7 @@ def _check_publishable(complete: Sequence[RunRecord], wanted: Iterable[RunSpec])
 
 
 def check_uniform(complete: Sequence[RunRecord], results: Sequence[Result]) -> None:
-    """Check that the runs of one agent are made by one version of its code, and those of a task by one of each package.
+    """Check that one version of the agent's code made all runs, and one version of each package those of a task.
 
     Raises:
         IncomparableError: They are not.

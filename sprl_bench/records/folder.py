@@ -28,6 +28,7 @@ ERROR: Final = "error.txt"
 OUTPUT: Final = "output.txt"
 LOCK: Final = ".lock"
 
+APPEND: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND  # how a log is opened
 NO_LOCKS: Final = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK)
 PATIENCE_S: Final = 0.5  # `is_locked` takes the lock for a moment
 
@@ -71,9 +72,6 @@ def find_folders(root: Path, names: Collection[str], on_error: Callable[[OSError
         if not set(names).isdisjoint(files):
             found.append(Path(folder))
     return sorted(found)
-
-
-APPEND: Final = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 
 
 def open_own(path: Path, flags: int) -> int:

@@ -39,14 +39,12 @@ def specs_of(looks: Mapping[str, Look]) -> dict[str, Spec]:
         "color": {"field": "agent", "type": "nominal", "scale": colour, "legend": None},
         "strokeDash": {"field": "agent", "type": "nominal", "scale": dash, "legend": None},
     }
-    steps, share = (
-        _axis(STEPS, labelExpr=ROUND),
-        _axis("AUC, share of the score range"),
-    )
+    steps, share = _axis(STEPS, labelExpr=ROUND), _axis("AUC, share of the score range")
+    whole, above = {"title": STEPS, "format": ",.0f"}, {"title": "AUC above", "format": ".4~g"}
     return {
-        "curve": _lines(encode, _x(steps), _axis("Mean return"), STEPS),
-        "metric": _lines(encode, _x(steps), _axis(""), STEPS),
-        "profile": _lines(encode, _x(share), _axis("Share of runs above"), "AUC above"),
+        "curve": _lines(encode, _x(steps), _axis("Mean return"), whole),
+        "metric": _lines(encode, _x(steps), _axis(""), whole),
+        "profile": _lines(encode, _x(share), _axis("Share of runs above"), above),
         "interval": _intervals(encode, _axis("")),
         "improvement": _improvements(encode),
     }
@@ -98,7 +96,7 @@ def _bright(opacity: float) -> Spec:
     return {"condition": {"test": LIT, "value": opacity}, "value": DIM * opacity}
 
 
-def _lines(encode: Spec, x: Spec, axis: Spec, x_name: str) -> Spec:
+def _lines(encode: Spec, x: Spec, axis: Spec, x_read: Spec) -> Spec:
     """Return the mean of each agent as a line with its band, and its runs as thin lines; a pointer lights one up."""
     band = {
         "mark": {"type": "area", "aria": False},
@@ -127,16 +125,15 @@ def _lines(encode: Spec, x: Spec, axis: Spec, x_name: str) -> Spec:
         "data": {"name": "means"},
         "encoding": {"x": x, "y": _y("y", axis), "opacity": _bright(1), **encode},
     }
-    return {**_base("bands", "runs", "means"), "height": 220, "layer": [band, runs, means, _pointer(x, axis, x_name)]}
+    return {**_base("bands", "runs", "means"), "height": 220, "layer": [band, runs, means, _pointer(x, axis, x_read)]}
 
 
-def _pointer(x: Spec, axis: Spec, x_name: str) -> Spec:
+def _pointer(x: Spec, axis: Spec, x_read: Spec) -> Spec:
     """Return points that cannot be seen, which the pointer finds; a finger stays on one until it taps elsewhere."""
-    x_format = ",.0f" if x_name == STEPS else ".4~g"
     hover = {"type": "point", "fields": ["agent"], "on": "mouseover", "clear": "mouseout", "nearest": True}
     tooltip = [
         {"field": "label", "type": "nominal", "title": "Agent"},
-        {"field": "x", "type": "quantitative", "title": x_name, "format": x_format},
+        {"field": "x", "type": "quantitative", **x_read},
         {"field": "y", "type": "quantitative", "title": "Mean", "format": ".4~g"},
         {"field": "interval", "type": "nominal", "title": "95 % interval"},
     ]

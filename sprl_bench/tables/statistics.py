@@ -61,6 +61,7 @@ class StatisticTable(Data):
     notes: tuple[str, ...]
     planned: int
     drops: tuple[Drop, ...] = ()
+    unreadable: int = 0
 
 
 Of = Callable[[str, Sequence[Result]], StatisticCell]
@@ -143,6 +144,7 @@ def _table(table: Table, results: Sequence[Result], statistic: str) -> Statistic
         notes=table.notes,
         planned=table.planned,
         drops=table.drops,
+        unreadable=table.unreadable,
     )
 
 

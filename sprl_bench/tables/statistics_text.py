@@ -44,7 +44,7 @@ def _grid(table: StatisticTable) -> Grid:
             EXPLAINED[table.statistic],
             *explained((row.privileged, row.information) for row in table.rows),
             *table.notes,
-            drops_line(table.planned, table.drops),
+            drops_line(table.planned, table.drops, table.unreadable),
         ],
     )
 
