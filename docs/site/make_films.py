@@ -5,6 +5,7 @@
     sprl-bench run --suite grid-7x7 --task FourRooms-7x7 --agents ppo --seeds 1 --device cpu --out runs
     sprl-bench run --suite grid-7x7 --task KeyDoors-7x7 --agents gt-grid@tuned --seeds 1 --device cpu --out runs
     sprl-bench run --suite fetch-sparse --task FetchReach-substep2 --agents ppo --seeds 1 --device cpu --out runs
+    sprl-bench run --suite maze --task MazeGoalSmall --agents gt-grid --seeds 120, --budget 1200000 --out runs
     sprl-bench run --suite atari --task MsPacman --agents ppo --seeds 120, --budget 300000 --device cuda --out runs
 """
 
