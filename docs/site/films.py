@@ -18,7 +18,7 @@ class Film:
         name: Of its file in `docs/films`, without the suffix.
         family: The page that shows it.
         env_id: What is filmed.
-        policy: `random`, `solver`, `towards_goal` of `make_films.py`, or the path of a run below the folder of
+        policy: `random`, `solver`, a script of `make_films.py`, or the path of a run below the folder of
             all runs.
         title: Who acts.
         caption: How it was made.
@@ -212,6 +212,20 @@ FILMS: Final = (
         colours=64,
     ),
     Film(
+        "freeway-script",
+        ATARI,
+        "SPRL/Freeway-v1",
+        "always_up",
+        "A script",
+        "Freeway, seed 0: always up, the first 300 steps. Each crossing is a point; the whole episode has 26. There is "
+        "no solver for these games.",
+        episodes=1,
+        steps=300,
+        stride=4,
+        width=160,
+        colours=32,
+    ),
+    Film(
         "pacman-ppo",
         ATARI,
         "SPRL/MsPacman-v1",
@@ -240,6 +254,6 @@ FILMS: Final = (
 )
 MISSING: Final = {
     MAZES: "No run of the whole suite yet: 20 million steps a task take a GPU.",
-    ATARI: "There is no solver for Atari, and no run of the whole suite yet: 12 million steps a game take a GPU.",
+    ATARI: "No run of the whole suite yet: 12 million steps a game take a GPU.",
 }
 """What a family has no film of, and why."""

@@ -35,6 +35,14 @@ def towards_goal(state: Any) -> Any:
     return np.append(np.clip(5 * (goal - gripper), -1, 1), 0)
 
 
+def always_up(_: Any) -> int:
+    """Walk up, in Freeway."""
+    return 2
+
+
+SCRIPTS: Final = {"towards_goal": towards_goal, "always_up": always_up}
+
+
 def main(runs: Sequence[Path]) -> None:
     """Film every row whose run there is."""
     gymnasium.register_envs(sprl_bench)
@@ -48,8 +56,8 @@ def main(runs: Sequence[Path]) -> None:
 
 
 def _actor(film: Film, runs: Sequence[Path]) -> Actor | None:
-    if film.policy == "towards_goal":
-        return find_actor(towards_goal)
+    if film.policy in SCRIPTS:
+        return find_actor(SCRIPTS[film.policy])
     if "/" not in film.policy:
         return find_actor(film.policy)
     return next((find_actor(root / film.policy) for root in runs if (root / film.policy).exists()), None)
