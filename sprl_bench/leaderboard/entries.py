@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from sprl_bench.records import Data, Hardware, Scores, TaskSpec, gather, hyperparameters_hash
-from sprl_bench.records.types import Count, Curve, InformationClasses, Json, Line, Name, check_scores
+from sprl_bench.records.types import Amount, Count, Curve, InformationClasses, Json, Line, Name, Share, check_scores
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
 MINIMUM_SEEDS = 5
@@ -40,10 +40,10 @@ class SeedResult(Data):
     seed: Count
     device: Line
     torch_threads: Annotated[int, Field(gt=0)]
-    abandoned_share: Annotated[float, Field(ge=0, le=1)] = Field(
+    abandoned_share: Share = Field(
         default=0.0, description="Of the episodes, those that were reset before their end, which count as failures."
     )
-    wall_time_s: Annotated[float, Field(ge=0)] | None = Field(
+    wall_time_s: Amount | None = Field(
         default=None, description="Seconds that the run took, on a machine that other work may have shared."
     )
     scores: Scores
