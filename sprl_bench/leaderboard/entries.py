@@ -1,7 +1,7 @@
 """An entry of a leaderboard: every seed's scores and curves, never only a mean.
 
 An entry checks itself: its scores follow from its curves and its hash from its hyperparameters; it has at least five
-seeds, the same on all tasks, no two with the same curves. `check_suite` holds it against its suite.
+seeds, the same on all tasks, no two with the same curves. `check_entry` holds it against its suite and agent.
 """
 
 from __future__ import annotations
