@@ -189,7 +189,7 @@ class _ActiveRun:
         state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
         try:
             self._take(state)
-        except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             raise other_build(path, error) from error
         self._truncate_metrics(state["metrics_bytes"] if state else 0)
         self._tape(state)
