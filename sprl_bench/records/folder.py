@@ -116,6 +116,8 @@ def lock(folder: Path) -> Iterator[None]:
     """
     descriptor = _acquire(folder)
     try:
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
     finally:
         (folder / LOCK).unlink(missing_ok=True)
@@ -129,8 +131,6 @@ def _acquire(folder: Path) -> int:
         if time.monotonic() > deadline:
             raise LockedError(f"{folder} is in use by another process ({_holder(folder)}).")
         time.sleep(0.02)
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
     return descriptor
 
 
