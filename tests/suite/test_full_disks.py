@@ -1,4 +1,4 @@
-"""A disk that is full at any write of a run.
+"""A disk that is full at any write of a run, and a folder that may not be written to.
 
 The disk is a real one, of memory, mounted in a namespace of the process alone.
 """
@@ -105,3 +105,34 @@ def test_a_run_goes_on_once_a_full_disk_has_room(name: str, number: int, whole: 
     assert RECORD not in left
     assert not [one for one in (SPEC, CHECKPOINT, WEIGHTS, EPISODES) if f".{one}." in left]
     assert files_of(kept) == whole
+
+
+RUN: Final = ["run", "--suite", "smoke", "--agents", "random", "--seeds", "1", "--budget", "500", "--workers", "1"]
+
+
+@needs_disks
+def test_a_disk_that_is_read_only_is_named_in_one_sentence(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sprl_bench", *RUN, "--out", str(tmp_path / "runs")]
+    done = on_a_disk("ro,size=1m", tmp_path, *command)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+    said = [line for line in done.stderr.splitlines() if "Read-only file system" in line]
+    assert said[-1].startswith("sprl-bench: ")
+    assert str(tmp_path) in said[-1]
+    assert "1 of 1 runs failed" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+@needs_disks
+def test_a_folder_without_permission_is_named_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs").chmod(0o555)
+    nobody = ["unshare", "--user"]  # a user without root's privileges, and the owner of the folder
+    command = [*nobody, sys.executable, "-m", "sprl_bench", *RUN, "--out", str(tmp_path / "runs")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+    said = [line for line in done.stderr.splitlines() if "Permission denied" in line]
+    assert said[-1].startswith("sprl-bench: ")
+    assert str(tmp_path / "runs") in said[-1]
+    assert not list((tmp_path / "runs").iterdir())

@@ -92,7 +92,7 @@ COMMAND: Final = ["run", "--suite", "smoke", "--agents", "ppo,random", "--seeds"
 COMMAND.extend(["cpu", "--workers", "1", "--out"])
 
 
-@pytest.mark.parametrize("processes", [3])
+@pytest.mark.parametrize("processes", [2, 3])
 def test_several_commands_on_one_folder_share_its_runs(processes: int, whole: dict[str, Any], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "sprl_bench", *COMMAND, str(tmp_path / "runs")]
     started = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(processes)]
