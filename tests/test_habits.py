@@ -384,6 +384,9 @@ NAMES = ("spec", "provenance", "wall_time_s", "metrics_bytes", "log", "envs", "a
         ("log", {}),
         ("provenance", {}),
         ("actions_bytes", "x"),
+        ("wall_time_s", -1.0),
+        ("wall_time_s", float("inf")),
+        ("wall_time_s", float("nan")),
         ("provenance", np.ones(1)),  # an array raises an IndexError where a mapping raises a KeyError
         ("log", np.ones(1)),
         ("envs", np.ones(1)),
