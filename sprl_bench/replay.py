@@ -188,6 +188,7 @@ def _replay_vector(spec: RunSpec, head: Head, events: Iterable[Event]) -> Episod
             envs.reset(seed=env_seed(spec))
         begun = own
         for event in events:
+            _check_goes_on(recorder.episode_log)
             if isinstance(event, Reset):
                 if not begun:
                     _check_seed(event)
@@ -196,6 +197,7 @@ def _replay_vector(spec: RunSpec, head: Head, events: Iterable[Event]) -> Episod
                 recorder.reset(seed=event.seed, options=options)
             elif isinstance(event, Steps):
                 for actions in event.actions:
+                    _check_goes_on(recorder.episode_log)
                     recorder.step(actions)
         return recorder.episode_log
 
@@ -205,6 +207,7 @@ def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
     recorders = [_recorded(spec, log) for _ in range(_number_of_envs(events))]
     begun: set[int] = set()
     for event in events:
+        _check_goes_on(log)
         if isinstance(event, Reset):
             if event.env not in begun:
                 _check_seed(event)
@@ -214,8 +217,19 @@ def _replay_singles(spec: RunSpec, events: list[Event]) -> EpisodeLog:
             recorders[event.env].close()
         else:
             for env, action in zip(event.envs if event.envs is not None else (), event.actions, strict=True):
+                _check_goes_on(log)
                 recorders[env].step(action)
     return log
+
+
+def _check_goes_on(log: EpisodeLog) -> None:
+    """Refuse what follows the step that reached the budget: the recorder keeps nothing after it.
+
+    Raises:
+        UnfitForTapeError: The budget is reached.
+    """
+    if log.complete:
+        raise UnfitForTapeError(f"The tape goes on after {log.env_steps:,} env steps; it must end at {log.budget:,}.")
 
 
 def _check_seed(first: Reset) -> None:

@@ -71,7 +71,7 @@ def load_checkpoint(path: Path, spec: RunSpec, here: Provenance) -> dict[str, An
         return None
     try:
         _refuse(path, state, spec, here)
-    except (KeyError, TypeError, AttributeError, ValidationError) as error:
+    except (LookupError, TypeError, AttributeError, ValidationError) as error:
         raise other_build(path, error) from None
     return state
 

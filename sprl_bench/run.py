@@ -189,7 +189,7 @@ class _ActiveRun:
         state = load_checkpoint(path, self.spec, self._provenance) if self._resumable else None
         try:
             self._take(state)
-        except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             raise other_build(path, error) from error
         self._truncate_metrics(state["metrics_bytes"] if state else 0)
         self._tape(state)
@@ -204,6 +204,8 @@ class _ActiveRun:
         for name in ("metrics_bytes", "actions_bytes"):
             if not operator.index(state[name]) >= 0:
                 raise ValueError(f"{name} is {state[name]}")
+        if not 0.0 <= float(state["wall_time_s"]) < math.inf:
+            raise ValueError(f"wall_time_s is {state['wall_time_s']}")
         self._envs.unwrapped.set_state(state["envs"])  # type: ignore[attr-defined] # checked by _resumable
         self._envs.episode_log.load_state_dict(state["log"])
         self._agent.load_state_dict(state["agent"])  # type: ignore[attr-defined] # checked by _resumable
@@ -248,7 +250,7 @@ class _ActiveRun:
 
     @property
     def _wall_time_s(self) -> float:
-        return self._earlier_s + time.perf_counter() - self._started
+        return self._earlier_s + max(0.0, time.perf_counter() - self._started)
 
     def updates(self) -> Iterator[Mapping[str, float]]:
         """Return the agent's loop.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -219,6 +220,52 @@ def test_a_tape_without_its_last_block_gives_another_run(kept: Path) -> None:
             continue
     assert verify(kept).difference
     assert head.discrete == 7
+
+
+def steps_block(folder: Path, count: int) -> bytes:
+    """Return a block of `count` further steps for the tape of a run."""
+    path, head = folder / "more", read_tape(folder / ACTIONS)[0]
+    with path.open("w+b") as file:
+        tape = Tape(file, head)
+        begin = tape.flush()
+        for _ in range(count):
+            tape.step(np.zeros(head.num_envs, np.int64))
+        tape.flush()
+    return path.read_bytes()[begin:]
+
+
+@pytest.mark.parametrize("count", [1, 300])
+def test_a_tape_with_more_steps_than_the_record_is_refused(count: int, kept: Path) -> None:
+    with (kept / ACTIONS).open("ab") as file:
+        file.write(steps_block(kept, count))
+    with pytest.raises(NotReplayableError, match=r"^The tape goes on after 2,\d+ env steps; it must end at 2,000\.$"):
+        verify(kept)
+
+
+def test_of_a_tape_only_as_much_as_a_head_is_read_first(tmp_path: Path) -> None:
+    path = tmp_path / "tape"
+    with path.open("wb") as file:
+        file.truncate(2**27)  # one line without an end
+    tracemalloc.start()
+    with pytest.raises(UnfitForTapeError, match=r"its head has more than 65,536 bytes\.$"):
+        read_tape(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 2**21
+
+
+def test_a_tape_is_read_block_by_block(tmp_path: Path) -> None:
+    path = tmp_path / "tape"
+    with path.open("w+b") as file:
+        tape = Tape(file, Head(num_envs=0, autoreset="", discrete=0, shape=(4_096,), dtype="float64"))
+        for seed in range(64):
+            tape.step(np.random.default_rng(seed).random(4_096), env=0)
+            tape.flush()
+    tracemalloc.start()
+    assert sum(len(one.actions) for one in read_tape(path)[1] if isinstance(one, Steps)) == 64
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < path.stat().st_size / 4
 
 
 def test_a_tape_cannot_expand_without_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

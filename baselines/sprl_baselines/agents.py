@@ -133,7 +133,7 @@ class LearningAgent:
             self._restore(state)
         except torch.OutOfMemoryError:  # says nothing about the state
             raise
-        except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        except (LookupError, ValueError, TypeError, AttributeError, RuntimeError) as error:
             cause = " ".join(f"{type(error).__name__}: {error}".split())
             raise ValueError(
                 f"The agent's state in the checkpoint is of another agent or build ({cause}). Continue with that one, "
@@ -167,7 +167,13 @@ class LearningAgent:
             raise RuntimeError("The agent has no state before train() has started.")
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Set the state that `train` continues from and `policy` acts with."""
+        """Set the state that `train` continues from and `policy` acts with.
+
+        Raises:
+            TypeError: It is no mapping.
+        """
+        if not isinstance(state, Mapping):
+            raise TypeError(f"The agent's state is a {type(state).__name__}; it must be a mapping.")
         self._saved = state
 
     def weights(self) -> dict[str, Any]:

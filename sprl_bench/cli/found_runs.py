@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,6 +74,11 @@ class FoundRuns:
     def statuses(self) -> dict[Path, str]:
         """The status of each unfinished run, by its path below the folder of all runs."""
         return {state.spec.path(Path()): state.status for state in self.states if state.status != "finished"}
+
+    @property
+    def unreadable(self) -> Counter[str]:
+        """How many runs of each suite cannot be read."""
+        return Counter(one.suite for one in self.broken if one.suite)
 
     def of(self, suites: Collection[str] | None) -> FoundRuns:
         """Return the runs of these suites; None stands for all.

@@ -124,6 +124,7 @@ def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source
         logged=logged,
         entries=find_board(against) if against else (),
         notes=notes,
+        unreadable=found.unreadable,
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -54,7 +53,7 @@ def table(
         allow_missing=allow_missing,
         statuses=found.statuses,
         broken=_faults(found, allow_missing=allow_missing),
-        unreadable=Counter(one.suite for one in found.broken if one.suite),
+        unreadable=found.unreadable,
     )
     known = {spec.suite for spec in found.planned}
     elsewhere = [one.error for one in found.broken if one.suite not in known]

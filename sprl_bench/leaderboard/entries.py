@@ -1,7 +1,7 @@
 """An entry of a leaderboard: every seed's scores and curves, never only a mean.
 
 An entry checks itself: its scores follow from its curves and its hash from its hyperparameters; it has at least five
-seeds, the same on all tasks, no two with the same curves. `check_suite` holds it against its suite.
+seeds, the same on all tasks, no two with the same curves. `check_entry` holds it against its suite and agent.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from sprl_bench.records import Data, Hardware, Scores, TaskSpec, gather, hyperparameters_hash
-from sprl_bench.records.types import Count, Curve, InformationClasses, Json, Line, Name, check_scores
+from sprl_bench.records.types import Amount, Count, Curve, InformationClasses, Json, Line, Name, Share, check_scores
 from sprl_bench.tables import SCORED_PACKAGES, Result
 
 MINIMUM_SEEDS = 5
@@ -40,10 +40,10 @@ class SeedResult(Data):
     seed: Count
     device: Line
     torch_threads: Annotated[int, Field(gt=0)]
-    abandoned_share: Annotated[float, Field(ge=0, le=1)] = Field(
+    abandoned_share: Share = Field(
         default=0.0, description="Of the episodes, those that were reset before their end, which count as failures."
     )
-    wall_time_s: Annotated[float, Field(ge=0)] | None = Field(
+    wall_time_s: Amount | None = Field(
         default=None, description="Seconds that the run took, on a machine that other work may have shared."
     )
     scores: Scores

@@ -14,6 +14,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS
+from sprl_bench.leaderboard.reference_agents import check_privileged
 from sprl_bench.leaderboard.submission import check_uniform
 from sprl_bench.records import Data, InvalidFileError, RunRecord, RunSpec, differences, read, write
 from sprl_bench.records.folder import lock
@@ -163,6 +164,10 @@ def _check(runs: Sequence[RunRecord]) -> None:
     for run in runs:
         if run.spec.task.name not in names:
             raise IncomparableError(unknown(f"task of suite {suite.name!r}:", run.spec.task.name, names))
+        try:
+            check_privileged(run.spec.source, run.spec.privileged)
+        except ValueError as error:
+            raise IncomparableError(str(error)) from None
     results = [Result.of(run) for run in runs]
     check_comparable(results)
     check_uniform(runs, results)

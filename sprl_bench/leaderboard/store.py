@@ -11,7 +11,7 @@ from pathlib import Path
 from sprl_bench.durations import duration
 from sprl_bench.leaderboard.entries import Entry
 from sprl_bench.leaderboard.pending import FOLDER, is_pending, read_pending
-from sprl_bench.leaderboard.submission import check_suite
+from sprl_bench.leaderboard.submission import check_entry
 from sprl_bench.records import InvalidFileError, locate, read, write
 from sprl_bench.shipped import find_shipped
 from sprl_bench.suggestions import unknown
@@ -50,7 +50,7 @@ def entry_path(folder: str | Path, suite: str, agent: str) -> Path:
 
 
 def read_entry(path: str | Path) -> Entry:
-    """Read an entry and check its content, its suite and its path.
+    """Read an entry and check its content, its suite, its agent and its path.
 
     Raises:
         OutdatedEntryError: The suite has a newer version.
@@ -60,7 +60,7 @@ def read_entry(path: str | Path) -> Entry:
     path = Path(path)
     entry = read(path, Entry)
     try:
-        check_suite(entry)
+        check_entry(entry)
     except ValueError as error:
         is_older = entry.suite in SUITES and entry.suite_version < SUITES[entry.suite].version
         kind = OutdatedEntryError if is_older else InvalidFileError

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from sprl_bench.leaderboard.entries import MINIMUM_SEEDS, Entry, SeedResult, TaskEntry
+from sprl_bench.leaderboard.reference_agents import check_privileged
 from sprl_bench.leaderboard.same_tasks import suites_with
 from sprl_bench.records import RunRecord, RunSpec, TaskSpec, gather
 from sprl_bench.records.files import first_complaint
@@ -60,8 +61,19 @@ def make_entry(
         entry = _entry(complete, tuple(authors), link, status)
     except ValidationError as error:
         raise ValueError(first_complaint(error)) from None
-    check_suite(entry)
+    check_entry(entry)
     return entry
+
+
+def check_entry(entry: Entry) -> None:
+    """Check an entry against its suite, and `privileged` against its agent if that is a reference agent.
+
+    Raises:
+        ValueError: It differs; the message begins with the key in the entry.
+    """
+    check_suite(entry)
+    for part in entry.tasks:
+        check_privileged(part.source, entry.privileged)
 
 
 def check_suite(entry: Entry) -> None:

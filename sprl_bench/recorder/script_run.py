@@ -178,7 +178,7 @@ class ScriptRun:
         """Write the record; if that fails, everything is kept for the next attempt."""
         made = self._provenance.completed()
         known = {"num_envs": self._log.num_stepped, "device": made.device, "torch_threads": made.torch_threads}
-        wall_time_s = time.perf_counter() - self._started
+        wall_time_s = max(0.0, time.perf_counter() - self._started)
         self._tape.flush()
         write_result(self.folder, self.spec.model_copy(update=known), self._log, made, wall_time_s=wall_time_s)
 

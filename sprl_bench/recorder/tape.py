@@ -225,9 +225,10 @@ def read_tape(path: Path) -> tuple[Head, Iterator[Event]]:
     Raises:
         UnfitForTapeError: The file is not a tape, or is broken; for later blocks, while they are read.
     """
-    line, _, rest = path.read_bytes().partition(b"\n")
+    with path.open("rb") as file:
+        line = file.readline(LARGEST_HEAD + 1)
     if len(line) > LARGEST_HEAD:
-        raise UnfitForTapeError(f"{path} does not begin like a tape of actions: its head has {len(line):,} bytes.")
+        raise UnfitForTapeError(f"{path} does not begin like a tape: its head has more than {LARGEST_HEAD:,} bytes.")
     try:
         head = Head.model_validate_json(line)
     except ValidationError as error:
@@ -236,22 +237,23 @@ def read_tape(path: Path) -> tuple[Head, Iterator[Event]]:
         raise UnfitForTapeError(f"{path} does not begin like a tape of actions: {twice[-1]} is given twice.")
     if head.format != FORMAT:
         raise UnfitForTapeError(f"{path} has the format {head.format}; it must be {FORMAT}.")
-    return head, _events(path, head, rest)
+    return head, _events(path, head, len(line))
 
 
-def _events(path: Path, head: Head, rest: bytes) -> Iterator[Event]:
-    offset = 0
-    while offset < len(rest):
-        try:
-            letter, length = BLOCK.unpack_from(rest, offset)
-            begin, end = offset + BLOCK.size, offset + BLOCK.size + length
-            yield _event(head, letter, _inflate(rest[begin:end]))
-        except (struct.error, zlib.error, ValueError, TypeError) as error:
-            said = first_complaint(error) if isinstance(error, ValidationError) else str(error)
-            raise UnfitForTapeError(
-                f"{path} has a broken block, {len(rest) - offset} bytes before its end: {said}."
-            ) from None
-        offset = end
+def _events(path: Path, head: Head, offset: int) -> Iterator[Event]:
+    """Yield the events behind a head of `offset` bytes; one block at a time is in memory."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        left = path.stat().st_size - offset
+        while left > 0:
+            try:
+                letter, length = BLOCK.unpack(file.read(BLOCK.size))
+                event = _event(head, letter, _inflate(file.read(min(length, LARGEST))))
+            except (struct.error, zlib.error, ValueError, TypeError) as error:
+                said = first_complaint(error) if isinstance(error, ValidationError) else str(error)
+                raise UnfitForTapeError(f"{path} has a broken block, {left} bytes before its end: {said}.") from None
+            yield event
+            left -= BLOCK.size + length
 
 
 def _inflate(compressed: bytes) -> bytes:

@@ -100,7 +100,7 @@ def seeds_beside(folder: Path) -> list[Path]:
 
 
 class IrregularFileError(OSError):
-    """A file inside a run's folder is a link to somewhere else, a pipe or a device."""
+    """A file inside a run's folder is a link to somewhere else, a pipe or a device, or the folder itself is none."""
 
 
 class LockedError(RuntimeError):
@@ -116,6 +116,8 @@ def lock(folder: Path) -> Iterator[None]:
     """
     descriptor = _acquire(folder)
     try:
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
         yield
     finally:
         (folder / LOCK).unlink(missing_ok=True)
@@ -123,15 +125,30 @@ def lock(folder: Path) -> Iterator[None]:
 
 
 def _acquire(folder: Path) -> int:
-    folder.mkdir(parents=True, exist_ok=True)
+    _make(folder)
     deadline = time.monotonic() + PATIENCE_S
     while (descriptor := _try(folder / LOCK)) is None:
         if time.monotonic() > deadline:
             raise LockedError(f"{folder} is in use by another process ({_holder(folder)}).")
         time.sleep(0.02)
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
     return descriptor
+
+
+def _make(folder: Path) -> None:
+    """Make a folder unless it is there.
+
+    Raises:
+        IrregularFileError: It, or one above it, is a link that points nowhere, or a file.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        blocks = [one for one in (folder, *folder.parents) if os.path.lexists(one) and not one.is_dir()]
+        if not blocks:
+            raise
+        is_link = blocks[0].is_symlink()
+        what = "is a link that points nowhere; it must be a folder" if is_link else "is not a folder; it must be one"
+        raise IrregularFileError(f"{blocks[0]} {what}.") from None
 
 
 def _try(path: Path) -> int | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -60,6 +61,13 @@ def _plain_integer(value: Any) -> Any:
     return int(value) if isinstance(value, np.integer) else value
 
 
+def _unsigned(value: float) -> float:
+    """Refuse -0.0, which is not less than 0: no length and no duration has it."""
+    if math.copysign(1.0, value) < 0:
+        raise ValueError(f"it is {value}; it must be 0.0 or more")
+    return value
+
+
 Name = Annotated[
     str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable), AfterValidator(_file_name)
 ]
@@ -68,7 +76,8 @@ Count = Annotated[int, Field(ge=0, lt=LIMIT), BeforeValidator(_plain_integer)]
 Whole = Annotated[int, Field(gt=-LIMIT, lt=LIMIT)]
 Positive = Annotated[int, Field(gt=0, lt=LIMIT), BeforeValidator(_plain_integer)]
 Bounded = Annotated[float, Field(ge=-1e300, le=1e300)]  # the sum of a curve is finite
-Amount = Annotated[float, Field(ge=0)]
+Amount = Annotated[float, Field(ge=0), AfterValidator(_unsigned)]
+Share = Annotated[float, Field(ge=0, le=1), AfterValidator(_unsigned)]
 Information = Literal["relabelling", "resetting", "shaped"]
 InformationClasses = Annotated[
     tuple[Information, ...],

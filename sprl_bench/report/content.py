@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from sprl_bench.plots.style import Look, looks_of
@@ -148,7 +149,13 @@ def _agent(name: str, look: Look, source: Source) -> Agent:
 def _tabulated(group: Sequence[Result], source: Source) -> Table | str:
     """Return the table of a suite, or why its results are not comparable."""
     try:
-        return tabulate_results(group, planned=source.planned, allow_missing=True)
+        return tabulate_results(
+            group,
+            planned=source.planned,
+            allow_missing=True,
+            statuses={one.spec.path(Path()): one.status for one in source.progress},
+            unreadable=source.unreadable,
+        )
     except IncomparableError as error:
         return str(error)
 

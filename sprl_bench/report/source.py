@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from sprl_bench.leaderboard import Entry, side_by_side
 from sprl_bench.records import Hardware, RunRecord, RunSpec
 from sprl_bench.tables import Result
+from sprl_bench.tables.table import NO_COUNTS
 
 Logged = tuple[RunSpec, Sequence[Mapping[str, Any]]]
 
@@ -70,6 +71,7 @@ class Source:
         logged: Diagnostics of some runs.
         progress: Of the runs in the folder; empty for a board.
         notes: Sentences for the reader.
+        unreadable: By suite, how many runs cannot be read.
     """
 
     title: str
@@ -79,6 +81,7 @@ class Source:
     logged: tuple[Logged, ...] = ()
     progress: tuple[Progress, ...] = ()
     notes: tuple[str, ...] = ()
+    unreadable: Mapping[str, int] = field(default_factory=lambda: NO_COUNTS)
 
 
 def of_board(title: str, entries: Sequence[Entry]) -> Source:
@@ -99,6 +102,7 @@ def of_runs(
     logged: Sequence[Logged] = (),
     entries: Sequence[Entry] = (),
     notes: Sequence[str] = (),
+    unreadable: Mapping[str, int] = NO_COUNTS,
 ) -> Source:
     """Return what a report of runs is made of, maybe beside the entries of a board.
 
@@ -111,6 +115,7 @@ def of_runs(
         logged: Diagnostics of some of them.
         entries: Of one board.
         notes: Sentences for the reader.
+        unreadable: By suite, how many runs cannot be read.
     """
     entered = {(entry.suite, entry.agent) for entry in entries}
     renamed = [_renamed(record, entered) for record in records]
@@ -127,6 +132,7 @@ def of_runs(
         logged=tuple((_named(spec, entered), lines) for spec, lines in logged),
         progress=tuple(one._replace(spec=spec) for one, spec in zip(progress, specs, strict=True)),
         notes=tuple(notes),
+        unreadable=unreadable,
     )
 
 

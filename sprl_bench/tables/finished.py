@@ -11,11 +11,10 @@ from sprl_bench.records import RunRecord, RunSpec
 from sprl_bench.suggestions import unknown
 from sprl_bench.tables.comparable import IncomparableError
 from sprl_bench.tables.seed_results import MissingRunsError, table_of
-from sprl_bench.tables.table import NONE, REMEDY, Table, lost_tables, tabulate
+from sprl_bench.tables.table import NO_COUNTS, NONE, REMEDY, Table, lost_tables, tabulate
 from sprl_bench.tasks import SUITES
 
 NO_FAULTS: Final[Mapping[str, str]] = MappingProxyType({})
-NO_COUNTS: Final[Mapping[str, int]] = MappingProxyType({})
 
 
 def tabulate_finished(
@@ -39,7 +38,7 @@ def tabulate_finished(
         allow_missing: As for `tabulate`: then all that is missing is noted below the tables.
         statuses: As for `tabulate`.
         broken: By suite, why a run of it cannot be read; such a suite has a table only if runs may be missing.
-        unreadable: By suite, how many runs cannot be read.
+        unreadable: As for `tabulate`.
 
     Raises:
         ValueError: A task or an agent is unknown.
@@ -64,11 +63,11 @@ def tabulate_finished(
                 allow_missing=allow_missing,
                 drop_incomparable=allow_missing,
                 statuses=statuses,
+                unreadable=unreadable,
             )
         except (MissingRunsError, IncomparableError) as error:
             sentences.append(str(error))
         else:
-            table = table.model_copy(update={"unreadable": unreadable.get(own[0].suite, 0)})
             tables.append(_noted(table, [fault]))
     if allow_missing and tables:
         tables[-1], sentences = _noted(tables[-1], sentences), []

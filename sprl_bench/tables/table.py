@@ -39,6 +39,7 @@ MEASURES = ("auc", "final", "success_auc", "success_final")
 BOOTSTRAP_SEED = 20210706
 """Seeds the generator of every interval."""
 NONE: Final[Mapping[Path, str]] = MappingProxyType({})
+NO_COUNTS: Final[Mapping[str, int]] = MappingProxyType({})
 REMEDY = (
     "Finish them with the command that began them, allow missing runs (--allow-missing) to see the others, or choose "
     "with --suite, --task or --agent; remove the folders only of runs that you do not want."
@@ -143,6 +144,7 @@ def tabulate(
     allow_missing: bool = False,
     drop_incomparable: bool = False,
     statuses: Mapping[Path, str] = NONE,
+    unreadable: Mapping[str, int] = NO_COUNTS,
 ) -> list[Table]:
     """Return one table for each suite among these records.
 
@@ -155,6 +157,7 @@ def tabulate(
         drop_incomparable: Leave out the runs of another environment, budget or suite version than most have, and name
             them, instead of refusing the table.
         statuses: Why planned runs are unfinished, such as "failed", by their path below the folder of all runs.
+        unreadable: By suite, how many runs cannot be read, whatever was planned there.
 
     Raises:
         MissingRunsError: Runs are missing and `allow_missing` is false.
@@ -185,6 +188,7 @@ def tabulate(
             allow_missing=allow_missing,
             drop_incomparable=drop_incomparable,
             statuses=statuses,
+            unreadable=unreadable,
         )
         for group in groups
         if chosen & set(task_names(group))
@@ -251,6 +255,7 @@ def tabulate_results(
     allow_missing: bool = False,
     drop_incomparable: bool = False,
     statuses: Mapping[Path, str] = NONE,
+    unreadable: Mapping[str, int] = NO_COUNTS,
 ) -> Table:
     """Return the table of one suite's results; see `tabulate`."""
     names = tuple(name for name in task_names(results) if tasks is None or name in tasks)
@@ -281,6 +286,7 @@ def tabulate_results(
         notes=(*([describe_holes(holes) + "."] if holes else []), *notes),
         planned=len(shown) + len({*holes, *unusable}),
         drops=drops,
+        unreadable=unreadable.get(shown[0].suite, 0),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 import shutil
@@ -65,6 +66,26 @@ def test_a_broken_run_of_the_suite_itself_is_noted_below_its_table(capsys: Captu
     assert "1 run is missing: FourRooms-7x7/ppo/seed-4" in printed
     assert "1 run cannot be read." in printed.splitlines()[-1]
     assert f"{folder}/{RECORD}:1: " in printed
+
+
+def test_the_report_counts_a_broken_run_as_the_table_does(
+    capsys: Capture, runs: Path, make_record: MakeRecord, tmp_path: Path
+) -> None:
+    (runs / "grid-7x7" / "FourRooms-7x7" / "ppo" / "seed-4" / RECORD).write_text("{")
+    failed = make_record("ppo", seed=5, suite="grid-7x7").spec
+    records.write(failed.path(runs) / SPEC, failed)
+    (failed.path(runs) / ERROR).write_text("ValueError: too early\n")
+    chosen = ["--allow-missing", "--suite", "grid-7x7"]
+    printed = call(capsys, "table", runs, *chosen, "--format", "md")[1]
+    [drops] = [line for line in printed.splitlines() if "Drops: " in line]
+    assert "1 failed (FourRooms-7x7/ppo/seed-5)" in drops
+    assert drops.endswith("run cannot be read.")
+    page = tmp_path / "report.html"
+    status, _, err = call(capsys, "report", runs, "-o", page, "--allow-missing")
+    assert status == 0, err
+    text = html.unescape(page.read_text())
+    assert drops.removeprefix("- ") in text
+    assert "Drops: none; the table has the 1 planned run." in text  # of the other suite
 
 
 def test_status_names_a_broken_run_beside_the_others(capsys: Capture, runs: Path) -> None:

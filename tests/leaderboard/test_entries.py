@@ -332,6 +332,11 @@ INVALID: dict[str, tuple[Edit, str, str]] = {
     "a better score": (_raise_score, "results[2].scores.auc is 0.9 but its curve gives", '"auc": 0.9'),
     "an impossible return": (_raise_curve, "results[2].return_curve[7] is 1.5, outside of [0, 1]", "1.5"),
     "an impossible success": (_lower_success, "results[1].success_curve[7] is -0.5, outside of [0, 1]", "-0.5"),
+    "a share of minus zero": (
+        _set("tasks", 1, "results", 2, "abandoned_share", value=-0.0),
+        "tasks.1.results.2.abandoned_share: it is -0.0; it must be 0.0 or more",
+        '"abandoned_share": -0.0',
+    ),
     "other hyperparameters": (_tune, "hyperparameters_hash does not follow", '"hyperparameters_hash"'),
     "a key of its own": (_set("wins", value=True), "wins: this key is unknown", '"wins"'),
     "a mean": (_set("tasks", 0, "mean", value=0.9), "tasks.0.mean: this key is unknown", '"mean"'),

@@ -84,6 +84,8 @@ BROKEN = {
     "a number of too many digits": ('"seed": 0', f'"seed": 1{"0" * 9_000}', "Invalid JSON"),
     "a number that is not whole": ('"budget": 100000', '"budget": 1.5', "spec.task.budget"),
     "a negative count": ('"episodes": 100', '"episodes": -1', "totals.episodes"),
+    "a length of minus zero": ('"mean_length": 50.0', '"mean_length": -0.0', "mean_length: it is -0.0; it must be"),
+    "a time of minus zero": ('"wall_time_s": 1.5', '"wall_time_s": -0.0', "wall_time_s: it is -0.0; it must be"),
     "text for a number": ('"auc": 0.5', '"auc": "0.5"', "scores.auc"),
     "a truth value for a number": ('"auc": 0.5', '"auc": true', "scores.auc"),
     "null for a number": ('"auc": 0.5', '"auc": null', "scores.auc"),

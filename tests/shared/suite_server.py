@@ -40,12 +40,13 @@ CLONE_NEWNS, CLONE_NEWPID, MS_REC, MS_PRIVATE = 0x20000, 0x20000000, 0x4000, 0x4
 
 
 def specs(which: str) -> list[RunSpec]:
-    """Return the runs: "few" of some agents on a grid and one on Fetch, or "all" agents on both."""
+    """Return the runs: "few" of each agent once, ppo on Fetch and the others on a grid, or "all" agents on both."""
+    on_grids = [*BONUSES, "count", "gt-sprl"]
     if which == "few":
-        return [*_runs("smoke", ["random"], {}), *_runs("smoke", ["ppo", *BONUSES[-2:]]), *_runs("fetch", ["ppo"])]
+        return [*_runs("smoke", ["random"], {}), *_runs("smoke", on_grids), *_runs("fetch", ["ppo"])]
     return [
         *_runs("smoke", ["random"], {}),
-        *_runs("smoke", ["ppo", *BONUSES, "count", "gt-sprl"]),
+        *_runs("smoke", ["ppo", *on_grids]),
         *_runs("fetch", ["random"], {}),
         *_runs("fetch", ["ppo", *BONUSES]),
     ]

@@ -1,7 +1,7 @@
 """A suite that is killed anywhere gives the files of one that was not, byte for byte, and leaves nothing else behind.
 
-CI tries 12 moments, with four agents on a grid and one on Fetch; `SPRL_KILLS=200` tries as many as it says, with all
-agents on both. Every other suite is the first process of a PID namespace, as in a container.
+CI tries 12 moments, with each agent once: ppo on Fetch, the others on a grid. `SPRL_KILLS=200` tries as many as it
+says, with all agents on both. Every other suite is the first process of a PID namespace, as in a container.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ import pytest
 from run_files import LASTING, files_of
 from suite_server import Server, namespaces_allowed, specs
 
+from sprl_bench.leaderboard.reference_agents import PRIVILEGED
+from sprl_bench.naming import AgentName
 from sprl_bench.records import find_records
 from sprl_bench.records.folder import CHECKPOINT, METRICS, RECORD
 
 KILLS: Final = int(os.environ.get("SPRL_KILLS", "12"))
 WHICH: Final = "few" if KILLS <= 12 else "all"
-KILLS_A_SUITE: Final = 6
-RUNS_A_SUITE: Final = 4
+KILLS_A_SUITE: Final = {"few": 4, "all": 6}[WHICH]
+RUNS_A_SUITE: Final = {"few": 3, "all": 4}[WHICH]
 KINDS: Final = ("plain", "first") if namespaces_allowed() else ("plain",)
 HOW: Final = [
     f"{whom} {name} {times}"
@@ -126,6 +128,11 @@ def typical_seconds(out: Path) -> float:
     return times[len(times) // 4]
 
 
+@pytest.mark.parametrize("which", ["few", "all"])
+def test_every_reference_agent_is_killed(which: str) -> None:
+    assert {AgentName.parse(one.agent).source for one in specs(which)} == set(PRIVILEGED)
+
+
 def test_a_suite_that_is_killed_anywhere_ends_in_the_same_files(tmp_path: Path) -> None:
     with contextlib.closing(Server(WHICH)) as server:
         everything = list(range(len(specs(WHICH))))
@@ -134,14 +141,18 @@ def test_a_suite_that_is_killed_anywhere_ends_in_the_same_files(tmp_path: Path) 
         expected = files_of(tmp_path / "whole")
         assert {Path(name).name for name in expected} <= LASTING
         assert len(files_of_runs(expected, everything)) == len(expected)
+        dealt: set[int] = set()
         killer = Killer(server, between_s=typical_seconds(tmp_path / "whole"))
         for number, indices in enumerate(decks(random.Random(0))):
             out = tmp_path / f"killed-{number}"
             tried = killer.finish(out, indices, KINDS[number % len(KINDS)])
+            dealt.update(indices)
             assert files_of(out) == files_of_runs(expected, indices), tried
             print(f"{killer.kills} kills in {number + 1} suites: all files identical", flush=True)
             if killer.kills >= KILLS:
                 break
+        if len(everything) * KILLS_A_SUITE <= KILLS * RUNS_A_SUITE:
+            assert dealt == set(everything)
 
 
 # --------------------------------------------------------------------------- the command as PID 1

@@ -5,20 +5,24 @@ Each ends, at the latest when it is continued, in the files of an undisturbed ru
 
 from __future__ import annotations
 
+import json
 import os
 import random
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import gymnasium
 import pytest
 from run_files import LASTING, files_of
 
+import sprl_bench
 from sprl_bench.checkpoint import BrokenCheckpointError, load
 from sprl_bench.records import RunRecord, RunSpec, read
-from sprl_bench.records.folder import CHECKPOINT, RECORD
+from sprl_bench.records.folder import CHECKPOINT, METRICS, RECORD
 from sprl_bench.run import InterruptedRunError, run
 from sprl_bench.suite import expand
 from sprl_bench.tasks import find_suite
@@ -75,6 +79,25 @@ def test_a_run_with_a_cut_checkpoint_ends_the_same(
     assert files_of(tmp_path) == whole
 
 
+CLOCKS: Final = ("time", "monotonic", "perf_counter")  # of these, only the sink of TensorBoard calls the first
+
+
+def set_clocks(monkeypatch: pytest.MonkeyPatch, shift: int) -> dict[str, int]:
+    """Let each clock jump after its second call; return how often each is called."""
+    calls = dict.fromkeys(CLOCKS, 0)
+
+    def jumping(name: str, clock: Callable[[], float]) -> Callable[[], float]:
+        def now() -> float:
+            calls[name] += 1
+            return clock() + shift * (calls[name] > 2)
+
+        return now
+
+    for name in CLOCKS:
+        monkeypatch.setattr(time, name, jumping(name, getattr(time, name)))
+    return calls
+
+
 @pytest.mark.parametrize("shift", [-(10**9), 10**9])
 def test_a_clock_that_is_set_changes_nothing(
     shift: int, interrupted: dict[str, bytes], whole: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -82,17 +105,35 @@ def test_a_clock_that_is_set_changes_nothing(
     folder = lay(interrupted, tmp_path)
     for path in folder.iterdir():
         os.utime(path, (0, 0) if shift > 0 else (4 * 10**9, 4 * 10**9))
-    now = time.time
-    monkeypatch.setattr(time, "time", lambda: now() + shift)
-    assert run(spec(), tmp_path).wall_time_s >= 0
+    calls = set_clocks(monkeypatch, shift)
+    run(spec(), tmp_path)
+    monkeypatch.undo()
+    assert min(calls["monotonic"], calls["perf_counter"]) > 2
+    assert read(folder / RECORD, RunRecord).wall_time_s >= 0
+    lines = [json.loads(line) for line in (folder / METRICS).read_bytes().splitlines()]
+    assert min(line["wall_time_s"] for line in lines) >= 0
     assert files_of(tmp_path) == whole
+
+
+def test_a_clock_that_is_set_back_costs_no_recorded_script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = gymnasium.make("sprl_bench:SPRL/FourRooms-7x7-v1")
+    env = sprl_bench.record(env, out=tmp_path, agent="mine", seed=0, budget=50)
+    clock = time.perf_counter
+    monkeypatch.setattr(time, "perf_counter", lambda: clock() - 10**9)
+    env.reset(seed=0)
+    for _ in range(50):
+        if any(env.step(0)[2:4]):
+            env.reset()
+    env.close()
+    [record] = sprl_bench.find_records(tmp_path)
+    assert (record.status, record.wall_time_s) == ("complete", 0.0)
 
 
 COMMAND: Final = ["run", "--suite", "smoke", "--agents", "ppo,random", "--seeds", "1", "--budget", "3200", "--device"]
 COMMAND.extend(["cpu", "--workers", "1", "--out"])
 
 
-@pytest.mark.parametrize("processes", [3])
+@pytest.mark.parametrize("processes", [2, 3])
 def test_several_commands_on_one_folder_share_its_runs(processes: int, whole: dict[str, Any], tmp_path: Path) -> None:
     command = [sys.executable, "-m", "sprl_bench", *COMMAND, str(tmp_path / "runs")]
     started = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) for _ in range(processes)]

@@ -120,6 +120,25 @@ def test_a_linked_folder_of_a_run_is_found_everywhere(capsys: Capture, tmp_path:
     assert json.loads(printed)[0]["rows"][0]["seeds"] == [0, 1]
 
 
+@pytest.mark.parametrize("depth", [0, 1, 3])
+@pytest.mark.parametrize("is_link", [True, False])
+def test_a_link_that_points_nowhere_or_a_file_is_no_folder(
+    is_link: bool, depth: int, capsys: Capture, tmp_path: Path
+) -> None:
+    words = ["run", "--suite", "smoke", "--agents", "random", "--seeds", 1, "--budget", 500, "--workers", 1]
+    seed = tmp_path / "runs" / "custom" / "FourRooms-7x7-500" / "random" / "seed-0"
+    place = (seed, *seed.parents)[depth]
+    place.parent.mkdir(parents=True)
+    place.symlink_to("nowhere") if is_link else place.touch()
+    status, out, err = call(capsys, *words, "--out", tmp_path / "runs")
+    what = "is a link that points nowhere; it must be a folder." if is_link else "is not a folder; it must be one."
+    assert status == 1
+    assert f"{place} {what}" in err
+    assert "Traceback" not in out + err
+    assert place.is_symlink() == is_link
+    assert not (place.parent / "nowhere").exists()
+
+
 # --------------------------------------------------------------------------- one broken run among others
 
 

@@ -24,15 +24,12 @@ from gymnasium_robotics.envs.fetch.fetch_env import DEFAULT_CAMERA_CONFIG
 from numpy.typing import NDArray
 
 from sprl_bench.envs.fetch.simulation import STATE
+from sprl_bench.envs.graphics import NoPictureError, chosen_graphics
 
 _SIZE: Final = 480
 _GOAL_MARK: Final = "target0"
 _OPEN: Final[weakref.WeakSet[Picture]] = weakref.WeakSet()
 _DRAWN_BY: Final[set[int]] = set()  # the processes that have drawn: this one and those it was forked from
-
-
-class NoPictureError(RuntimeError):
-    """There is no display, or no OpenGL that works in this process."""
 
 
 class Picture:
@@ -59,7 +56,8 @@ class Picture:
         _refuse_forked()
         if render_mode == "human":
             _require_display()
-        with _egl_without_a_display():
+        is_first = self._renderer.viewer is None and render_mode != "human"
+        with chosen_graphics() if is_first else contextlib.nullcontext(), _egl_without_a_display():
             try:
                 self._make_current()
                 return self._renderer.render(render_mode)

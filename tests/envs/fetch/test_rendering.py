@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from ctypes.util import find_library
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +220,33 @@ gymnasium.make("SPRL/FetchReachSparse-v1", render_mode="human").reset()
     assert "NoPictureError: render_mode is 'human', but there is no display; it must be 'rgb_array'" in done.stderr
     [record] = sprl_bench.find_records(tmp_path)
     assert (record.status, record.totals.env_steps) == ("incomplete", 50)
+
+
+DRAWN = """
+env = gymnasium.make("SPRL/FetchReachSparse-v1", render_mode="rgb_array")
+env.reset(seed=0)
+print(env.render().shape)
+"""
+
+
+@pytest.mark.parametrize(
+    ("chosen", "error"),
+    [
+        pytest.param(
+            "osmesa", "ImportError", marks=pytest.mark.skipif(bool(find_library("OSMesa")), reason="there is OSMesa")
+        ),
+        ("glfw", "sprl_bench.envs.graphics.NoPictureError"),
+        ("EGL", "sprl_bench.envs.graphics.NoPictureError"),
+        ("evil", "ImportError"),
+    ],
+)
+def test_chosen_graphics_that_do_not_work_are_named(chosen: str, error: str) -> None:
+    done = printed(DRAWN, DISPLAY=None, WAYLAND_DISPLAY=None, PYOPENGL_PLATFORM=None, MUJOCO_GL=chosen)
+    assert done.returncode == 1
+    [line] = [one for one in done.stderr.splitlines() if one.startswith(f"{error}: MUJOCO_GL is")]
+    assert f"MUJOCO_GL is {chosen!r}, which does not work here" in line
+    assert "it must be egl with its library (Debian: libegl1), osmesa with its library" in line
+    assert line.endswith("or glfw with a display.")
 
 
 FORKED = """
