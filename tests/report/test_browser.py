@@ -103,6 +103,20 @@ def test_the_page_is_no_wider_than_the_screen(page: Any) -> None:
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_provenance_fits_a_desktop_and_has_a_scroll_bar_on_a_phone(
+    browser: Any, make_record: MakeRecord, tmp_path: Path, screen: str
+) -> None:
+    hardware = {"cpu": "Intel(R) Xeon(R) Processor", "cores": 16, "memory_gib": 126.0}
+    made = {"suite": "grid-7x7", "hardware": hardware, "wall_time_s": 3000.0, "git_commit": "4d57d2a5b7" * 4}
+    write_report(of_runs("runs", [make_record("gt-grid@tuned", **made)], []), tmp_path / "report.html")
+    with quiet_page(browser, screen) as page:
+        page.goto((tmp_path / "report.html").as_uri())
+        frame = page.get_by_label("Provenance")
+        width, visible, bar = frame.evaluate("e => [e.scrollWidth, e.clientWidth, e.offsetHeight - e.clientHeight - 2]")
+        assert (width > visible) == (bar >= 10) == (screen == "phone")
+
+
 def test_a_chart_is_drawn_when_it_comes_into_view(page: Any) -> None:
     assert page.locator("[data-kind=metric] svg.marks").count() == 0
     for kind in KINDS:
