@@ -32,6 +32,7 @@ html_theme = "furo"
 html_title = "sprl-bench"
 html_static_path = ["docs/site"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 html_extra_path = ["extra"]
 html_copy_source = False
 html_show_sourcelink = False

@@ -187,7 +187,6 @@
       logLevel: vega.Error, // a chart as high as its rows warns that its height is not fitted
       mode: "vega-lite",
       renderer: "svg",
-      tooltip: { theme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light" },
     });
     views.set(chart, view);
     shapes.set(view, shapeOf(chart, content));
@@ -447,6 +446,12 @@
     const chart = target.closest?.(".chart");
     if (chart) pointAt(chart);
     else if (!item) lightUp("");
+  });
+
+  // A page around this one, such as that of a site, may choose light or dark, and nothing else.
+  addEventListener("message", ({ source, data: message }) => {
+    const theme = message?.theme;
+    if (source === parent && ["light", "dark", "auto"].includes(theme)) document.documentElement.dataset.theme = theme;
   });
 
   let wasOpen = true; // the list of agents is the legend, which paper needs
