@@ -53,6 +53,20 @@ def test_a_page_is_sound(browser: Any, site: Path, name: str, screen: str) -> No
 
 
 @needs_chromium
+@pytest.mark.parametrize("screen", SCREENS)
+def test_a_wide_table_breaks_code_at_its_joints_and_has_a_scroll_bar_on_a_phone(
+    browser: Any, site: Path, screen: str
+) -> None:
+    with quiet_page(browser, screen) as page:
+        page.goto((site / "SECURITY.html").as_uri())
+        table = page.locator(".table-wrapper")
+        width, visible, bar = table.evaluate("e => [e.scrollWidth, e.clientWidth, e.offsetHeight - e.clientHeight]")
+        assert (width > visible) == (bar >= 10) == (screen == "phone")
+        assert width < 600 or screen == "desktop"
+        picture(page, "site-security")
+
+
+@needs_chromium
 def test_the_results_hold_the_report_of_the_board(browser: Any, site: Path) -> None:
     with quiet_page(browser, "desktop") as page:
         page.goto((site / "docs" / "results.html").as_uri())
