@@ -82,6 +82,7 @@ def _base(*names: str) -> Spec:
                 "titleFontSize": 12,
                 "titleFontWeight": "normal",
                 "labelLimit": 220,
+                "labelSeparation": 6,
             },
         },
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -152,6 +153,35 @@ def test_an_agent_is_switched_off_in_the_table_and_the_charts(page: Any) -> None
     assert "ppo" not in chart_of(page, "curve").locator("[role=graphics-document]").get_attribute("aria-label")
     switch(page, "ppo")
     assert lines.count() == before
+
+
+def test_charts_without_an_agent_say_so_and_take_no_room(page: Any) -> None:
+    page.locator("#agents details").evaluate("agents => { agents.open = true; }")
+    page.locator("[data-all=off]").click()
+    for kind in KINDS:
+        chart = chart_of(page, kind)
+        assert "No agent that is shown" in chart.inner_text()
+        assert chart.bounding_box()["height"] < 100
+    page.locator("[data-all=on]").click()
+    assert chart_of(page, "curve").locator("svg.marks").count() == 1
+
+
+def test_the_dot_of_an_agent_is_beside_the_first_line_of_its_name(page: Any) -> None:
+    top_of = "part => part.getClientRects()[0].top"
+    for row in page.locator("#scores-0 tbody th").all():
+        assert row.locator(".dot").evaluate(top_of) >= row.locator("bdi").evaluate(top_of)
+
+
+def test_ticks_on_a_phone_are_apart(browser: Any, make_record: MakeRecord, tmp_path: Path) -> None:
+    run = make_record(suite="grid-7x7", task_changes={"budget": 600_000})
+    write_report(of_runs("runs", [run], []), tmp_path / "report.html")
+    with quiet_page(browser, "phone") as page:
+        page.set_viewport_size({"width": 405, "height": 844})  # 500k and 600k touch without overlapping
+        page.goto((tmp_path / "report.html").as_uri())
+        labels = chart_of(page, "curve").locator(".role-axis-label").first.locator("text:not([opacity='0'])")
+        boxes = [label.bounding_box() for label in labels.all()]
+        assert len(boxes) > 1
+        assert all(a["x"] + a["width"] + 3 < b["x"] for a, b in pairwise(boxes))
 
 
 def test_one_switch_leaves_ordinary_agents_only(page: Any) -> None:

@@ -154,7 +154,7 @@
   // What a chart was drawn for: while that is the same, its rows can be changed.
   function shapeOf(chart, content) {
     const layers = layersOf(chart, content).map((layer) => layer.data.name);
-    return JSON.stringify(hasLines(chart) ? [content.name, layers] : content);
+    return JSON.stringify(hasLines(chart) ? [content.name, layers, !content.rows.means.length] : content);
   }
 
   function specOf(chart, content) {
@@ -176,10 +176,10 @@
     views.delete(chart);
     chart.style.minHeight = "";
     if (chart === pointed) pointed = null;
-    if (content.empty || (!isFixed(chart) && !content.rows.means.length)) {
-      chart.textContent = content.empty ?? "No agent that is shown has a finished run here.";
-      return;
-    }
+    const empty = content.empty ?? (content.rows.means.length ? "" : "No agent that is shown has a finished run here.");
+    chart.classList.toggle("empty", empty !== "");
+    chart.textContent = empty;
+    if (empty) return;
     const { view } = await vegaEmbed(chart, specOf(chart, content), {
       actions: { export: true, source: false, compiled: false, editor: false },
       ast: true, // nothing is compiled from text, so that the page's policy may forbid it
