@@ -20,7 +20,7 @@ from rich.text import Text
 
 from sprl_bench.durations import duration
 from sprl_bench.records import InvalidFileError, RunSpec
-from sprl_bench.suite import Observer, Outcome, RunState, state_of
+from sprl_bench.suite import Observer, Outcome, RunState, pace_of, state_of
 
 LIVE_S: Final = 1.0  # between two readings of the folders
 PLAIN_S: Final = 10.0
@@ -49,7 +49,6 @@ class _Overview:
         self.finished = sum(state.status == "finished" for state in self.states)
         self.budget = sum(state.spec.task.budget for state in self.states)
         self.env_steps = sum(min(state.env_steps, state.spec.task.budget) for state in self.states)
-        self.speed = sum(state.steps_per_second for state in self.running)
 
     def done(self) -> str:
         """Return one line on what is done."""
@@ -60,8 +59,7 @@ class _Overview:
         done = self.done()
         if self.finished == len(self.states):
             return done
-        steps, speed = self.budget - self.env_steps, self.speed or self._mean_speed()
-        left = steps / speed if speed else None if steps else 0.0
+        speed, left = pace_of(self.states, otherwise=self._mean_speed())
         return f"{done}, {speed:,.0f} steps/s, {duration(left)} left"
 
     def _mean_speed(self) -> float:

@@ -38,7 +38,7 @@ ROOMS: Final[Mapping[str, str]] = {
 }
 """Modules whose names are public, besides those of `sprl_bench`, by their titles."""
 BOARDS: Final = ROOT / "leaderboards"
-STYLE: Final = HERE / "site.css"
+ASSETS: Final = (HERE / "site.css", HERE / "site.js")
 LINK: Final = re.compile(r"\[(?P<text>[^\]]*)\]\((?P<target>[^)#\s]+)(?P<place>#[^)\s]*)?\)")
 INTERVAL: Final = re.compile(r"\[([-+]?\d[\d.,]*), ([-+]?\d[\d.,]*)\]")
 """An interval in text, which no line break should part."""
@@ -107,7 +107,8 @@ def stage(source: Path) -> None:
         results.write(boards.beside_results(boards.names_of(BOARDS)))
     for film in FILMS:
         _put(Path(film.path), source)
-    _put(STYLE.relative_to(ROOT), source)
+    for asset in ASSETS:
+        _put(asset.relative_to(ROOT), source)
     index = (HERE / "index.md").read_text(encoding="utf-8").replace("<!-- gallery -->", families.home_gallery())
     (source / "index.md").write_text("\n".join((index, *_contents(_all_parts()))), encoding="utf-8")
     with (source / "notes" / "README.md").open("a", encoding="utf-8") as notes:

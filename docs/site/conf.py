@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import version as version_of
-from typing import Any
+from typing import Any, Final
 
 from sphinx.application import Sphinx
+
+LONG_CODE: Final = re.compile(r'(?<=<span class="pre">)[^<]{30,}(?=</span>)')
+JOINT: Final = re.compile(r"::|[/_]")
 
 project = "sprl-bench"
 author = "The sprl-bench maintainers"
@@ -32,6 +36,7 @@ html_theme = "furo"
 html_title = "sprl-bench"
 html_static_path = ["docs/site"]
 html_css_files = ["site.css"]
+html_js_files = [("site.js", {"defer": "defer"})]
 html_extra_path = ["extra"]
 html_copy_source = False
 html_show_sourcelink = False
@@ -57,8 +62,9 @@ def _skip_tuple_fields(_app: Sphinx, _what: str, _name: str, value: Any, *_: Any
 
 
 def _help_keyboards_and_readers(_app: Sphinx, _page: str, _template: str, context: dict[str, Any], _tree: Any) -> None:
-    """Give headings of the navigation a level, and let keys scroll what is wider than the screen."""
+    """Give headings of the navigation a level, let keys scroll what is wide, and let long code break at its joints."""
     navigation = context.get("furo_navigation_tree", "")
     context["furo_navigation_tree"] = navigation.replace('role="heading"', 'role="heading" aria-level="2"')
     body = context.get("body", "").replace("<pre>", '<pre tabindex="0">')
-    context["body"] = body.replace('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper')
+    body = body.replace('<div class="table-wrapper', '<div tabindex="0" class="table-wrapper')
+    context["body"] = LONG_CODE.sub(lambda code: JOINT.sub(r"\g<0><wbr>", code[0]), body)

@@ -106,6 +106,7 @@ def _source(source: Path, against: Path | None, *, allow_missing: bool) -> Sourc
 def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source:
     from sprl_bench.leaderboard import find_board
     from sprl_bench.report import of_runs
+    from sprl_bench.suite import pace_of
 
     if runs.exists() and not runs.is_dir():
         raise ValueError(f"runs is {str(runs)!r}; it must be a folder with runs.")
@@ -121,6 +122,7 @@ def _of_runs(runs: Path, against: Path | None, *, allow_missing: bool) -> Source
         runs.resolve().name,
         found.records,
         [_progress(runs, state) for state in states],
+        seconds_left=pace_of(states).seconds_left,
         logged=logged,
         entries=find_board(against) if against else (),
         notes=notes,

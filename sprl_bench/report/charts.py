@@ -82,6 +82,7 @@ def _base(*names: str) -> Spec:
                 "titleFontSize": 12,
                 "titleFontWeight": "normal",
                 "labelLimit": 220,
+                "labelSeparation": 6,
             },
         },
     }
@@ -125,11 +126,18 @@ def _lines(encode: Spec, x: Spec, axis: Spec, x_read: Spec) -> Spec:
         "data": {"name": "means"},
         "encoding": {"x": x, "y": _y("y", axis), "opacity": _bright(1), **encode},
     }
-    return {**_base("bands", "runs", "means"), "height": 220, "layer": [band, runs, means, _pointer(x, axis, x_read)]}
+    return {
+        **_base("bands", "runs", "means", "points"),
+        "height": 220,
+        "layer": [band, runs, means, _pointer(x, axis, x_read)],
+    }
 
 
 def _pointer(x: Spec, axis: Spec, x_read: Spec) -> Spec:
-    """Return points that cannot be seen, which the pointer finds; a finger stays on one until it taps elsewhere."""
+    """Return points that cannot be seen, which the pointer finds; a finger stays on one until it taps elsewhere.
+
+    They are those of the means, in the one chart that is pointed at.
+    """
     hover = {"type": "point", "fields": ["agent"], "on": "mouseover", "clear": "mouseout", "nearest": True}
     tooltip = [
         {"field": "label", "type": "nominal", "title": "Agent"},
@@ -139,7 +147,7 @@ def _pointer(x: Spec, axis: Spec, x_read: Spec) -> Spec:
     ]
     return {
         "mark": {"type": "point", "opacity": 0, "size": 30, "aria": False},
-        "data": {"name": "means"},
+        "data": {"name": "points"},
         "params": [{"name": "hover", "select": hover}],
         "encoding": {"x": x, "y": _y("y", axis), "tooltip": tooltip},
     }

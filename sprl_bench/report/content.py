@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from sprl_bench.durations import duration
 from sprl_bench.plots.style import Look, looks_of
 from sprl_bench.records import RunSpec
 from sprl_bench.report.charts import PATTERNS, colour_of, specs_of
@@ -106,7 +107,7 @@ def content_of(source: Source) -> Content:
         origins=source.origins,
         versions=tuple(_versions(source.origins)),
         unfinished=tuple(one for one in source.progress if one.status != "finished"),
-        summary=_summary(source.progress),
+        summary=_summary(source.progress, source.seconds_left),
         share=_share(source.progress),
         notes=(*_lost(source, groups), *source.notes),
         marks="".join(f" {mark}" for mark in _marks(source)),
@@ -220,10 +221,14 @@ def _lost(source: Source, groups: Sequence[Sequence[Result]]) -> Iterable[str]:
         yield f"No run is finished of {', '.join(lost)}."
 
 
-def _summary(progress: Sequence[Progress]) -> str:
+def _summary(progress: Sequence[Progress], seconds_left: float | None) -> str:
+    """Return how many runs have which status, and how long all of them take if some go on."""
+    if not progress:
+        return ""
     statuses = [one.status for one in progress]
     counts = [f"{statuses.count(name)} {name}" for name in dict.fromkeys(sorted(statuses))]
-    return f"{len(progress)} run{'s' * (len(progress) > 1)}: {', '.join(counts)}." if progress else ""
+    left = f" {duration(seconds_left)} left." if {"running", "waiting"} & set(statuses) else ""
+    return f"{len(progress)} run{'s' * (len(progress) > 1)}: {', '.join(counts)}.{left}"
 
 
 def _share(progress: Sequence[Progress]) -> float:

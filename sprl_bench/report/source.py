@@ -70,6 +70,7 @@ class Source:
         origins: One for each agent and suite.
         logged: Diagnostics of some runs.
         progress: Of the runs in the folder; empty for a board.
+        seconds_left: Until all of them are finished, at the present speed; None if unknown.
         notes: Sentences for the reader.
         unreadable: By suite, how many runs cannot be read.
     """
@@ -80,6 +81,7 @@ class Source:
     origins: tuple[Origin, ...] = ()
     logged: tuple[Logged, ...] = ()
     progress: tuple[Progress, ...] = ()
+    seconds_left: float | None = None
     notes: tuple[str, ...] = ()
     unreadable: Mapping[str, int] = field(default_factory=lambda: NO_COUNTS)
 
@@ -99,6 +101,7 @@ def of_runs(
     records: Sequence[RunRecord],
     progress: Sequence[Progress],
     *,
+    seconds_left: float | None = None,
     logged: Sequence[Logged] = (),
     entries: Sequence[Entry] = (),
     notes: Sequence[str] = (),
@@ -112,6 +115,7 @@ def of_runs(
         title: The folder.
         records: Those in it, finished or not.
         progress: Of all runs in it.
+        seconds_left: Until all of them are finished; None if unknown.
         logged: Diagnostics of some of them.
         entries: Of one board.
         notes: Sentences for the reader.
@@ -131,6 +135,7 @@ def of_runs(
         origins=(*map(_origin_of_entry, entries), *_origins_of_runs(finished)),
         logged=tuple((_named(spec, entered), lines) for spec, lines in logged),
         progress=tuple(one._replace(spec=spec) for one, spec in zip(progress, specs, strict=True)),
+        seconds_left=seconds_left,
         notes=tuple(notes),
         unreadable=unreadable,
     )

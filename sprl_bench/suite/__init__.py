@@ -10,7 +10,7 @@ from sprl_bench.suite.devices import require_device
 from sprl_bench.suite.execute import Observer, Outcome, run_suite
 from sprl_bench.suite.plan import expand, hyperparameters_of, plainest
 from sprl_bench.suite.short_budgets import too_short
-from sprl_bench.suite.states import RunState, state_of, survey
+from sprl_bench.suite.states import RunState, pace_of, state_of, survey
 
 __all__ = [
     "Observer",
@@ -18,6 +18,7 @@ __all__ = [
     "RunState",
     "expand",
     "hyperparameters_of",
+    "pace_of",
     "plainest",
     "require_device",
     "run_suite",

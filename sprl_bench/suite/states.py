@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 from sprl_bench.records import InvalidFileError, RunRecord, RunSpec, read
 from sprl_bench.records.diagnostics import parse_line
@@ -41,6 +41,21 @@ class RunState:
     seconds_left: float | None
     mean_return: float | None = None
     success: float | None = None
+
+
+class Pace(NamedTuple):
+    """How quickly runs go on together, and how long all of them take; `seconds_left` is None if unknown."""
+
+    steps_per_second: float
+    seconds_left: float | None
+
+
+def pace_of(states: Iterable[RunState], otherwise: float = 0.0) -> Pace:
+    """Return the pace of all runs: at the speed of those that are running, or `otherwise` if they tell none."""
+    states = list(states)
+    steps = sum(max(0, state.spec.task.budget - state.env_steps) for state in states)
+    speed = sum(state.steps_per_second for state in states) or otherwise
+    return Pace(speed, steps / speed if speed else None if steps else 0.0)
 
 
 def survey(

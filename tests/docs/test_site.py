@@ -53,6 +53,20 @@ def test_a_page_is_sound(browser: Any, site: Path, name: str, screen: str) -> No
 
 
 @needs_chromium
+@pytest.mark.parametrize("screen", SCREENS)
+def test_a_wide_table_breaks_code_at_its_joints_and_has_a_scroll_bar_on_a_phone(
+    browser: Any, site: Path, screen: str
+) -> None:
+    with quiet_page(browser, screen) as page:
+        page.goto((site / "SECURITY.html").as_uri())
+        table = page.locator(".table-wrapper")
+        width, visible, bar = table.evaluate("e => [e.scrollWidth, e.clientWidth, e.offsetHeight - e.clientHeight]")
+        assert (width > visible) == (bar >= 10) == (screen == "phone")
+        assert width < 600 or screen == "desktop"
+        picture(page, "site-security")
+
+
+@needs_chromium
 def test_the_results_hold_the_report_of_the_board(browser: Any, site: Path) -> None:
     with quiet_page(browser, "desktop") as page:
         page.goto((site / "docs" / "results.html").as_uri())
@@ -62,6 +76,27 @@ def test_the_results_hold_the_report_of_the_board(browser: Any, site: Path) -> N
         assert "gt-grid" in frame.locator("#scores-0 tbody").inner_text()
         assert "grid-7x7" in page.locator("iframe.report").get_attribute("title")
         picture(page, "site-results")
+
+
+@needs_chromium
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_report_follows_the_theme_that_the_site_shows(browser: Any, site: Path, screen: str) -> None:
+    with quiet_page(browser, screen) as page:
+        page.add_init_script("console.log = () => {}")  # the theme logs its button
+        page.goto((site / "docs" / "results.html").as_uri())
+        for visit in ("fresh", "again"):
+            report = page.frame_locator("iframe.report")
+            page.locator("iframe.report").scroll_into_view_if_needed()
+            report.locator("body[data-charts=drawn]").wait_for(timeout=60_000)
+            for _ in range(4 if visit == "fresh" else 1):  # the second visit begins with the choice of the first
+                theme = page.locator("body").get_attribute("data-theme")
+                report.locator(f"html[data-theme={theme}]").wait_for(timeout=10_000)
+                dark = theme == "dark" or (theme == "auto" and SCREENS[screen][2] == "dark")
+                paper = report.locator("body").evaluate("body => getComputedStyle(body).backgroundColor")
+                assert paper == ("rgb(20, 23, 26)" if dark else "rgb(255, 255, 255)")
+                page.evaluate("scrollTo(0, 0)")
+                page.locator(".theme-toggle:visible").first.click()
+            page.reload()
 
 
 def test_every_family_has_a_page_with_films_and_docstrings(site: Path) -> None:

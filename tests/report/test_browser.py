@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from sprl_bench.report import Progress, of_runs, write_report
 HOSTILE = ("a & b 'c'", "אבג דהו", "m" * 150)
 ATTACK = "</script><script>document.title='owned'</script><img src=x onerror=\"document.title='owned'\">"
 MakeRecord = Callable[..., RunRecord]
+
+KINDS = ("curve", "interval", "improvement", "profile", "metric")
 
 pytestmark = needs_chromium
 
@@ -65,6 +68,15 @@ def drawn(page: Any) -> None:
     page.wait_for_selector("body[data-charts=drawn]", timeout=60_000)
 
 
+def chart_of(page: Any, kind: str) -> Any:
+    """Return the first chart of a kind, scrolled to and drawn."""
+    chart = page.locator(f"[data-kind={kind}]").first
+    chart.evaluate("chart => chart.scrollIntoView({block: 'center'})")
+    page.evaluate("new Promise(next => requestAnimationFrame(() => requestAnimationFrame(next)))")  # it is noticed
+    drawn(page)
+    return chart
+
+
 def agents_in(page: Any) -> list[str]:
     names: list[str] = page.locator("#scores-0 tbody tr:visible th").all_inner_texts()
     return [name.removesuffix("‡").strip() for name in names]
@@ -92,9 +104,33 @@ def test_the_page_is_no_wider_than_the_screen(page: Any) -> None:
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_every_chart_is_drawn(page: Any) -> None:
-    assert page.locator(".chart").count() == page.locator(".chart svg.marks").count() == 6
-    assert "ppo" in page.locator(".chart [role=graphics-document]").first.get_attribute("aria-label")
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_provenance_fits_a_desktop_and_has_a_scroll_bar_on_a_phone(
+    browser: Any, make_record: MakeRecord, tmp_path: Path, screen: str
+) -> None:
+    hardware = {"cpu": "Intel(R) Xeon(R) Processor", "cores": 16, "memory_gib": 126.0}
+    made = {"suite": "grid-7x7", "hardware": hardware, "wall_time_s": 3000.0, "git_commit": "4d57d2a5b7" * 4}
+    write_report(of_runs("runs", [make_record("gt-grid@tuned", **made)], []), tmp_path / "report.html")
+    with quiet_page(browser, screen) as page:
+        page.goto((tmp_path / "report.html").as_uri())
+        frame = page.get_by_label("Provenance")
+        width, visible, bar = frame.evaluate("e => [e.scrollWidth, e.clientWidth, e.offsetHeight - e.clientHeight - 2]")
+        assert (width > visible) == (bar >= 10) == (screen == "phone")
+
+
+def test_a_chart_is_drawn_when_it_comes_into_view(page: Any) -> None:
+    assert page.locator("[data-kind=metric] svg.marks").count() == 0
+    for kind in KINDS:
+        assert "ppo" in chart_of(page, kind).locator("[role=graphics-document]").get_attribute("aria-label")
+
+
+def test_a_printed_page_shows_every_chart(browser: Any, report: Path) -> None:
+    with quiet_page(browser, "desktop") as page:
+        page.goto(report.as_uri())
+        drawn(page)
+        assert page.locator(".chart svg.marks").count() < page.locator(".chart").count()
+        page.pdf()
+        assert page.locator(".chart svg.marks").count() == page.locator(".chart").count() == 6
 
 
 def test_headings_sort(page: Any) -> None:
@@ -109,14 +145,43 @@ def test_headings_sort(page: Any) -> None:
 
 
 def test_an_agent_is_switched_off_in_the_table_and_the_charts(page: Any) -> None:
-    lines = page.locator("[data-kind=curve] >> nth=0").locator(".mark-line.layer_2_marks path, .layer_2_pathgroup path")
+    lines = chart_of(page, "curve").locator(".mark-line.layer_2_marks path, .layer_2_pathgroup path")
     before = lines.count()
     switch(page, "ppo")
     assert "ppo" not in agents_in(page)
     assert lines.count() * 5 == before * 4
-    assert "ppo" not in page.locator(".chart [role=graphics-document]").first.get_attribute("aria-label")
+    assert "ppo" not in chart_of(page, "curve").locator("[role=graphics-document]").get_attribute("aria-label")
     switch(page, "ppo")
     assert lines.count() == before
+
+
+def test_charts_without_an_agent_say_so_and_take_no_room(page: Any) -> None:
+    page.locator("#agents details").evaluate("agents => { agents.open = true; }")
+    page.locator("[data-all=off]").click()
+    for kind in KINDS:
+        chart = chart_of(page, kind)
+        assert "No agent that is shown" in chart.inner_text()
+        assert chart.bounding_box()["height"] < 100
+    page.locator("[data-all=on]").click()
+    assert chart_of(page, "curve").locator("svg.marks").count() == 1
+
+
+def test_the_dot_of_an_agent_is_beside_the_first_line_of_its_name(page: Any) -> None:
+    top_of = "part => part.getClientRects()[0].top"
+    for row in page.locator("#scores-0 tbody th").all():
+        assert row.locator(".dot").evaluate(top_of) >= row.locator("bdi").evaluate(top_of)
+
+
+def test_ticks_on_a_phone_are_apart(browser: Any, make_record: MakeRecord, tmp_path: Path) -> None:
+    run = make_record(suite="grid-7x7", task_changes={"budget": 600_000})
+    write_report(of_runs("runs", [run], []), tmp_path / "report.html")
+    with quiet_page(browser, "phone") as page:
+        page.set_viewport_size({"width": 405, "height": 844})  # 500k and 600k touch without overlapping
+        page.goto((tmp_path / "report.html").as_uri())
+        labels = chart_of(page, "curve").locator(".role-axis-label").first.locator("text:not([opacity='0'])")
+        boxes = [label.bounding_box() for label in labels.all()]
+        assert len(boxes) > 1
+        assert all(a["x"] + a["width"] + 3 < b["x"] for a, b in pairwise(boxes))
 
 
 def test_one_switch_leaves_ordinary_agents_only(page: Any) -> None:
@@ -134,15 +199,15 @@ def test_one_switch_leaves_ordinary_agents_only(page: Any) -> None:
 
 
 def test_a_pointer_on_a_curve_lights_its_agent_up_everywhere(page: Any) -> None:
-    chart = page.locator("[data-kind=curve] svg.marks").first
     page.locator("#agents details").evaluate("agents => { agents.open = innerWidth > 768; }")  # it covers a phone
-    chart.evaluate("chart => chart.scrollIntoView({block: 'center'})")
+    chart = chart_of(page, "curve").locator("svg.marks")
     box = chart.bounding_box()
     page.mouse.move(box["x"] + box["width"] * 0.95, box["y"] + box["height"] * 0.2)
     page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + box["height"] * 0.22)
     page.wait_for_selector("tr.lit", state="attached")
     assert page.locator("#scores-0 tr.lit th").inner_text().strip() == "gt-grid †"
     assert page.locator("#vg-tooltip-element").inner_text().startswith("Agent")
+    assert page.locator("[data-kind=curve] >> nth=1").locator("*").count() * 3 < chart.locator("*").count()
     faint = page.locator("[data-kind=curve] >> nth=1").locator("path[opacity='0.12']")
     page.wait_for_function("document.querySelectorAll('[data-kind=curve] path[opacity=\"0.12\"]').length > 1")
     assert faint.count() > 0
@@ -150,11 +215,9 @@ def test_a_pointer_on_a_curve_lights_its_agent_up_everywhere(page: Any) -> None:
 
 def test_scores_and_references_can_be_chosen(page: Any) -> None:
     page.locator("[data-choice=measure]").select_option("final")
-    drawn(page)
-    assert "final" in page.locator("[data-kind=interval] [role=graphics-document]").get_attribute("aria-label")
+    assert "final" in chart_of(page, "interval").locator("[role=graphics-document]").get_attribute("aria-label")
     page.locator("[data-choice=reference]").select_option(label="ppo")
-    drawn(page)
-    assert "over ppo" in page.locator("[data-kind=improvement] [role=graphics-document]").get_attribute("aria-label")
+    assert "over ppo" in chart_of(page, "improvement").locator("[role=graphics-document]").get_attribute("aria-label")
 
 
 def test_seeds_are_listed_and_downloaded(page: Any, tmp_path: Path) -> None:
@@ -174,7 +237,7 @@ def test_axe_finds_no_serious_fault(page: Any) -> None:
 
 
 def test_charts_mark_privileged_agents_and_explain_the_mark(page: Any) -> None:
-    assert "gt-grid †" in page.locator("[data-kind=interval] svg.marks").inner_html()
+    assert "gt-grid †" in chart_of(page, "interval").inner_html()
     for kind in ("interval", "improvement", "profile"):
         caption = page.locator("figure", has=page.locator(f"[data-kind={kind}]")).locator("figcaption")
         assert "† privileged" in caption.inner_text()

@@ -20,6 +20,7 @@ import pytest
 from cli_calls import Capture, call, refused
 from sprl_bench import scores
 from sprl_bench.records import RunRecord, write
+from sprl_bench.records.folder import lock
 from sprl_bench.report import Progress, make_server, of_runs, render_report
 from sprl_bench.report.document import embedded
 from sprl_bench.report.series import metrics_of
@@ -124,6 +125,25 @@ def test_runs_that_have_only_begun_make_a_page(make_record: MakeRecord) -> None:
     page = page_of([], progress=[Progress(spec, "running", 1000, 60.0)], logged=logged)
     assert data_of(page)["metrics"]["names"] == ["return"]
     assert "No run is finished of smoke." in page
+
+
+def test_the_time_left_of_all_runs_is_shown_while_some_go_on(
+    make_record: MakeRecord, tmp_path: Path, capsys: Capture
+) -> None:
+    going, waiting = (make_record(seed=seed).spec for seed in (0, 1))
+    for spec in (going, waiting):
+        write(spec.path(tmp_path / "runs") / "spec.json", spec)
+    budget = going.task.budget
+    line = {"env_steps": budget // 2, "wall_time_s": 60.0}
+    output = tmp_path / "report.html"
+    with lock(going.path(tmp_path / "runs")):
+        call(capsys, "report", tmp_path / "runs", "-o", output)
+        assert "2 runs: 1 running, 1 waiting. ? left." in output.read_text()
+        (going.path(tmp_path / "runs") / "metrics.jsonl").write_text(f"{json.dumps(line)}\n")
+        call(capsys, "report", tmp_path / "runs", "-o", output)
+        assert "2 runs: 1 running, 1 waiting. 3 min 00 s left." in output.read_text()
+    call(capsys, "report", tmp_path / "runs", "-o", output)
+    assert "2 runs: 1 interrupted, 1 waiting. ? left." in output.read_text()
 
 
 @pytest.mark.parametrize("text", ["</script><script>alert(1)</script>", "<!--<script>", "a & b", "\u2028", '"\\'])

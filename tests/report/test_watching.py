@@ -57,6 +57,7 @@ def test_a_running_suite_is_watched(address: str) -> None:
         page.goto(address)
         steps = page.locator("td.running + td")
         page.wait_for_selector("td.running", timeout=PATIENCE_MS)
+        page.locator("[data-kind=metric]").first.scroll_into_view_if_needed()
         page.wait_for_selector("[data-kind=metric] svg.marks", timeout=PATIENCE_MS)
         first, curve = steps.inner_text(), curve_of(page)
         until(page, lambda: page.locator("#live").inner_text() == "Live.")

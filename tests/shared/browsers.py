@@ -25,10 +25,12 @@ WIDER_THAN_THE_SCREEN = (
 
 @contextlib.contextmanager
 def chromium() -> Iterator[Any]:
-    """Start Debian's Chromium under Playwright; skip the test where that is not installed."""
+    """Start Debian's Chromium under Playwright, with scroll bars; skip the test where that is not installed."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        started = driver.chromium.launch(
+            executable_path=CHROMIUM, args=FLAGS, ignore_default_args=["--hide-scrollbars"]
+        )
         yield started
         started.close()
 

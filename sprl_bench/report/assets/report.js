@@ -5,10 +5,14 @@
   const all = (selector, root = document) => [...root.querySelectorAll(selector)];
   const MOST_SINGLE = 1000; // runs that are drawn as thin lines from the start
   const views = new Map(); // of each chart's element
+  const shapes = new WeakMap(); // of each view
+  const near = new Set(); // charts in view, or almost
+  const stale = new Set(); // charts that do not show what they should
   const off = new Set(); // names of agents that are switched off
   const orders = new Map(); // of each table: its column and direction
   let data = JSON.parse(one("#data").textContent);
   let lit = "";
+  let pointed = null; // the chart below the pointer, or the last that was
   let settled = Promise.resolve(); // charts are drawn one after the other
 
   // Agents
@@ -41,7 +45,10 @@
       const index = item.dataset.agent ?? one("input", item).dataset.agent;
       item.classList.toggle("lit", data.agents[index].name === name);
     }
-    for (const view of views.values()) view.signal("highlight", name).runAsync();
+    for (const [chart, view] of views) {
+      view.signal("highlight", name);
+      if (near.has(chart)) view.runAsync(); // the others when they come into view
+    }
   }
 
   // Charts
@@ -136,13 +143,25 @@
     return `${name}. ${[...last].map(([agent, value]) => `${agent}: ${value}`).join("; ") || "No agent is shown"}.`;
   }
 
-  const isUpdated = (chart) => ["curve", "profile"].includes(chart.dataset.kind); // the others are drawn anew
+  const hasLines = (chart) => !["interval", "improvement"].includes(chart.dataset.kind);
+  const isFixed = (chart) => ["curve", "profile"].includes(chart.dataset.kind); // its axes, whatever the rows
+
+  // A layer without rows would spoil an axis that follows the rows.
+  function layersOf(chart, { rows }) {
+    return data.specs[chart.dataset.kind].layer.filter((layer) => isFixed(chart) || rows[layer.data.name]?.length !== 0);
+  }
+
+  // What a chart was drawn for: while that is the same, its rows can be changed.
+  function shapeOf(chart, content) {
+    const layers = layersOf(chart, content).map((layer) => layer.data.name);
+    return JSON.stringify(hasLines(chart) ? [content.name, layers, !content.rows.means.length] : content);
+  }
 
   function specOf(chart, content) {
-    const spec = structuredClone(data.specs[chart.dataset.kind]);
+    const spec = structuredClone({ ...data.specs[chart.dataset.kind], layer: layersOf(chart, content) });
     spec.description = described(content);
-    spec.datasets = content.rows;
-    if (!isUpdated(chart)) spec.layer = spec.layer.filter((layer) => content.rows[layer.data.name]?.length !== 0);
+    spec.datasets = { ...content.rows, points: [] };
+    spec.params = [{ name: "highlight", value: lit }];
     for (const { encoding } of spec.layer) {
       if (content.x && encoding.x?.field === "x") encoding.x.scale = { ...encoding.x.scale, domain: content.x };
       if (content.y && encoding.y) encoding.y.scale = { ...encoding.y.scale, domain: content.y };
@@ -152,15 +171,15 @@
     return spec;
   }
 
-  async function draw(chart) {
-    const kind = chart.dataset.kind;
-    const content = kinds[kind](chart);
+  async function draw(chart, content) {
     views.get(chart)?.finalize();
     views.delete(chart);
-    if (content.empty || (!isUpdated(chart) && !content.rows.means.length)) {
-      chart.textContent = content.empty ?? "No agent that is shown has a finished run here.";
-      return;
-    }
+    chart.style.minHeight = "";
+    if (chart === pointed) pointed = null;
+    const empty = content.empty ?? (content.rows.means.length ? "" : "No agent that is shown has a finished run here.");
+    chart.classList.toggle("empty", empty !== "");
+    chart.textContent = empty;
+    if (empty) return;
     const { view } = await vegaEmbed(chart, specOf(chart, content), {
       actions: { export: true, source: false, compiled: false, editor: false },
       ast: true, // nothing is compiled from text, so that the page's policy may forbid it
@@ -168,43 +187,71 @@
       logLevel: vega.Error, // a chart as high as its rows warns that its height is not fitted
       mode: "vega-lite",
       renderer: "svg",
-      tooltip: { theme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light" },
     });
     views.set(chart, view);
+    shapes.set(view, shapeOf(chart, content));
     const menu = one("summary", chart);
     if (menu) menu.setAttribute("aria-label", `Save the chart: ${content.name}`);
-    if (["interval", "improvement"].includes(kind)) {
-      view.addEventListener("pointerover", (_, item) => lightUp(item?.datum?.agent ?? ""));
-    } else {
-      view.addSignalListener("hover", (_, value) => lightUp(value.agent?.[0] ?? ""));
-    }
+    if (hasLines(chart)) view.addSignalListener("hover", (_, value) => lightUp(value.agent?.[0] ?? ""));
+    else view.addEventListener("pointerover", (_, item) => lightUp(item?.datum?.agent ?? ""));
+  }
+
+  // Rows of agents that stay are left alone: what an agent has in a chart never changes while the chart is there.
+  function changed(before, after) {
+    const [had, has] = [before, after].map((rows) => new Set(rows.map((row) => row.agent)));
+    return vega.changeset().remove((row) => !has.has(row.agent)).insert(after.filter((row) => !had.has(row.agent)));
   }
 
   async function update(chart) {
-    const view = views.get(chart);
-    if (!view || !isUpdated(chart)) return draw(chart);
+    stale.delete(chart);
     const content = kinds[chart.dataset.kind](chart);
-    for (const [name, rows] of Object.entries(content.rows)) view.data(name, rows);
+    const view = views.get(chart);
+    if (!view || shapes.get(view) !== shapeOf(chart, content)) return draw(chart, content);
+    if (!hasLines(chart)) return view.runAsync(); // the shape holds the rows
+    const points = chart === pointed ? content.rows.means.map((row) => ({ ...row })) : [];
+    const rows = { ...content.rows, points };
+    for (const { data: { name } } of layersOf(chart, content)) view.change(name, changed(view.data(name), rows[name]));
     view.description(described(content));
     return view.runAsync();
   }
 
-  function nearestFirst(charts) {
-    const distance = new Map(charts.map((chart) => [chart, Math.abs(chart.getBoundingClientRect().top)]));
-    return [...charts].sort((a, b) => distance.get(a) - distance.get(b));
+  // The points that a pointer finds are nine in ten of a chart's elements: only one chart has them.
+  function pointAt(chart) {
+    if (chart === pointed || !views.has(chart) || !hasLines(chart)) return;
+    views.get(pointed)?.data("points", []).runAsync();
+    pointed = chart;
+    views.get(chart).data("points", kinds[chart.dataset.kind](chart).rows.means).runAsync();
   }
 
-  function refreshCharts(change = update, charts = all(".chart")) {
+  // A large report has dozens of charts: each is drawn when it comes into view, and the rest when the page is printed.
+  const observer = new IntersectionObserver((entries) => {
+    for (const { target, isIntersecting } of entries) {
+      isIntersecting ? near.add(target) : near.delete(target);
+      if (isIntersecting) views.get(target)?.runAsync();
+    }
+    drawNear();
+  }, { rootMargin: "25% 0px" });
+
+  function refreshCharts(charts = all(".chart")) {
+    for (const chart of charts) stale.add(chart);
+    drawNear();
+  }
+
+  function drawNear() {
     document.body.dataset.charts = "drawing";
     settled = settled.then(async () => {
-      for (const chart of nearestFirst(charts)) {
-        if (chart.isConnected) await change(chart);
+      for (let chart = nextChart(); chart; chart = nextChart()) {
+        await update(chart);
         await new Promise((next) => setTimeout(next)); // the page answers in between
       }
     }).catch((error) => console.error(error)).then(() => {
       document.body.dataset.charts = "drawn";
     });
-    return settled;
+  }
+
+  function nextChart() {
+    const distance = (chart) => Math.abs(chart.getBoundingClientRect().top - innerHeight / 3);
+    return [...stale].filter((chart) => near.has(chart)).sort((a, b) => distance(a) - distance(b))[0];
   }
 
   // Tables
@@ -327,13 +374,14 @@
     const [ordinary, single] = [one("#ordinary").checked, one("#single").checked];
     const heights = all(".chart").map((chart) => chart.offsetHeight);
     for (const view of views.values()) view.finalize();
-    views.clear();
+    for (const known of [views, near, stale]) known.clear();
+    observer.disconnect();
     data = JSON.parse(one("#data", page).textContent);
     for (const id of ["#main", "#agents"]) one(id).replaceWith(document.adoptNode(one(id, page)));
     all(".chart").forEach((chart, i) => { chart.style.minHeight = `${heights[i] ?? 0}px`; });
     [one("#ordinary").checked, one("#single").checked] = [ordinary, single];
     restore(state);
-    return prepare();
+    prepare();
   }
 
   async function poll(last) {
@@ -342,7 +390,7 @@
       const answer = await fetch("/", { cache: "no-cache" });
       if (!answer.ok) throw new Error(answer.statusText);
       now = await answer.text();
-      if (last && now !== last) await replaceBy(new DOMParser().parseFromString(now, "text/html"));
+      if (last && now !== last) replaceBy(new DOMParser().parseFromString(now, "text/html"));
       one("#live").textContent = "Live.";
     } catch {
       one("#live").textContent = "The server does not answer.";
@@ -357,7 +405,12 @@
     showAgents();
     one("#seeds").addEventListener("toggle", fillSeeds);
     fillSeeds();
-    return refreshCharts(draw);
+    const charts = all(".chart");
+    document.body.dataset.charts = charts.length ? "drawing" : "drawn";
+    for (const chart of charts) {
+      stale.add(chart);
+      observer.observe(chart);
+    }
   }
 
   document.addEventListener("click", ({ target }) => {
@@ -379,8 +432,8 @@
     }
     const section = target.dataset.choice && target.closest("section");
     const kind = target.dataset.choice === "reference" ? "improvement" : "interval";
-    if (section) refreshCharts(draw, all(`[data-kind="${kind}"]`, section));
-    else if (target.id === "metric") refreshCharts(draw, all('[data-kind="metric"]'));
+    if (section) refreshCharts(all(`[data-kind="${kind}"]`, section));
+    else if (target.id === "metric") refreshCharts(all('[data-kind="metric"]'));
     else {
       showAgents();
       refreshCharts();
@@ -390,13 +443,22 @@
   document.addEventListener("pointerover", ({ target }) => {
     const item = target.closest?.("nav li, tr[data-agent]");
     if (item) lightUp(data.agents[item.dataset.agent ?? one("input", item).dataset.agent].name);
-    else if (!target.closest?.(".chart")) lightUp("");
+    const chart = target.closest?.(".chart");
+    if (chart) pointAt(chart);
+    else if (!item) lightUp("");
+  });
+
+  // A page around this one, such as that of a site, may choose light or dark, and nothing else.
+  addEventListener("message", ({ source, data: message }) => {
+    const theme = message?.theme;
+    if (source === parent && ["light", "dark", "auto"].includes(theme)) document.documentElement.dataset.theme = theme;
   });
 
   let wasOpen = true; // the list of agents is the legend, which paper needs
   addEventListener("beforeprint", () => {
     wasOpen = one("#agents details").open;
     one("#agents details").open = true;
+    for (const chart of stale) update(chart);
   });
   addEventListener("afterprint", () => { one("#agents details").open = wasOpen; });
 
