@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from sprl_bench.tasks import SUITES
 
 hypothesis.settings.register_profile("patient", deadline=None)  # a busy machine is no failure
 hypothesis.settings.load_profile("patient")
+
+# A shell starts what it puts into the background with Ctrl-C ignored, and all that it starts would ignore it, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 MakeRecord = Callable[..., RunRecord]
 
